@@ -11,6 +11,7 @@ import numpy as np
 
 from ..system import System
 from .families.candidates import PairCandidates
+from .pair_features import FeatureRows
 from .rotations import rotation_rows
 from .rows import NO_POINT, Array, Rows
 from .tangents import Tangents, axes_of, tangents_of_mechanism
@@ -31,6 +32,8 @@ class RowTable(NamedTuple):
         Bounds of the entries of each gradient; None where they are not known.
     thickness : ndarray, shape (k,), or None
         The least travel within which bodies can pass through each other [m]; None where they never can.
+    featured : ndarray of bool, shape (k,), or None
+        Whether `ConstraintFamily.feature_rows` knows the features of a row that is not smooth; None where of no row.
     """
 
     number: Array
@@ -38,6 +41,7 @@ class RowTable(NamedTuple):
     smooth: Array
     reach: Array | None = None
     thickness: Array | None = None
+    featured: Array | None = None
 
 
 class ConstraintFamily(ABC):
@@ -261,6 +265,13 @@ class ConstraintFamily(ABC):
     def bearing(self, t: float, q: Array, rows: Array) -> Array:
         """Return of some rows that touch, ascending, which bear the load of all, shape (k,) of bool; by default all."""
         return np.ones(len(rows), bool)
+
+    def feature_rows(self, q: Array, row: int, tolerance: float, features: FeatureRows) -> list[int]:
+        """Add to `features` the rows of a touching pair of `row_table` whose gradient jumps; return their numbers.
+
+        None are returned where features are unclear.
+        """
+        return []
 
     def check_rows(self, t: float, q: Array, rows: Array) -> None:  # noqa: B027
         """Raise `InputError` if the gradients of some rows that are closed are wrong."""

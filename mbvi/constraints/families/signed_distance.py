@@ -16,6 +16,7 @@ from ...geometry.shapes.shape_table import ShapeTable
 from ...system import System
 from ..family import RowTable
 from ..mechanism.pairs import AS_THEY_ARE, LEFT_TO_PYTHON, MOST_CONTACTS, ROUNDED, PairShapes
+from ..pair_features import FeatureRows, is_polyhedron, is_rounded
 from ..rows import Rows
 from .pairs import Array, Contacts, Pairs
 
@@ -122,7 +123,23 @@ class SignedDistances(Pairs):
 
     def row_table(self, t: float, q: Array) -> RowTable:
         """Return the table of the rows: one for each pair, its least distance."""
-        return RowTable(np.arange(self.size), self.restitution, self.smooth, self.reach(), self.thickness)
+        first, second = self._sides.T
+        flat, rounded = np.array([[is_polyhedron(s), is_rounded(s)] for s in self._shapes.placed]).T
+        # the normal of a ball swelled about a polyhedron turns without jumps, whatever it touches of another one
+        smooth = self.smooth | (rounded[first] & (flat | rounded)[second]) | (flat[first] & rounded[second])
+        featured = flat[first] & flat[second] & (not self._planar)
+        return RowTable(np.arange(self.size), self.restitution, smooth, self.reach(), self.thickness, featured)
+
+    def feature_rows(self, q: Array, row: int, tolerance: float, features: FeatureRows) -> list[int]:
+        pair, shapes = np.array([row]), (self._shapes, self._sides[row], q)
+        # beyond the tolerance the normal is that of the distance, and not that of a face nearby
+        nearest = self.measure(q, pair, -np.inf)
+        one = features.add(*shapes, nearest.point[0], nearest.normal[0], alone=True)
+        if one is not None:
+            return [one]
+        contacts = self.measure(q, pair, tolerance)
+        found = [features.add(*shapes, *each) for each in zip(contacts.point, contacts.normal, strict=True)]
+        return [] if None in found else [k for k in dict.fromkeys(found) if k is not None]
 
     def contacts_of_placed(self, q: Array, places: Array, tolerance: float) -> Rows | None:
         """Return what `contacts` returns, given the placements of the table's bodies, shape (b, 4, 3)."""

@@ -68,7 +68,7 @@ class ClosingEvents:
     def within(self, t: float, q: Array, gap: float) -> Array:
         """Return the rows whose gap may be at most `gap` [m] at (t, q), the end of the last step or its event."""
         lever = self._rows.lever
-        near = (self._bounds * lever <= gap).nonzero()[0]
+        near = (self._bounds * lever[: len(self._bounds)] <= gap).nonzero()[0]
         if near.size:
             self._bounds[near] = least = self._rows.lower_bounds(t, q, near)
             near = near[least * lever[near] <= gap]
@@ -106,12 +106,15 @@ class ClosingEvents:
         if not suspects.size:
             return 1.0, suspects
 
+        # the gap of a touching contact is zero to within rounding, or to what the drift of others has left: a row
+        # closes where its gap falls below that
+        margin = self._rows.rounding[suspects] + np.maximum(-bounds[0, near], 0.0)
+
         def gaps(x: float, of: Array) -> Array:
-            # the gap of a touching contact is zero to within rounding: a row closes where its gap is below -rounding
-            return self._at(step, x, suspects[of], self._rows.gaps) + self._rows.rounding[suspects[of]]
+            return self._at(step, x, suspects[of], self._rows.gaps) + margin[of]
 
         # the lower bounds are values of the gaps only where no separating axis is used, as for smooth rows
-        known = bounds[:, near] + self._rows.rounding[suspects] if self._rows.smooth[suspects].all() else None
+        known = bounds[:, near] + margin if self._rows.smooth[suspects].all() else None
         # values at a few nodes may not show that a body passes through another within the step
         steepest = np.where(fall[near] > self._rows.thickness[suspects], fall[near], np.inf)
         share, k = first_root(gaps, steepest, known)

@@ -23,8 +23,10 @@ _MOST_TIME_BETWEEN, _MOST_OPENING = 1e-5, 1e3
 _MOST_SINGLE = 10_000
 
 
-def touching_rows(state: MotionState, known: Array) -> Array:
+def touching_rows(state: MotionState, known: Array, changed: Array) -> Array:
     """Return the rows that touch, among all near rows and those `known` to take part in the event.
+
+    Features are also sought of those pairs with closed ones that have `changed`.
 
     Of many points of one shape few are returned; `state.all_touching` receives all of them.
     """
@@ -33,7 +35,9 @@ def touching_rows(state: MotionState, known: Array) -> Array:
     gaps = state.rows.gaps(state.t, state.q, near) * state.rows.lever[near]
     near, gaps = near[gaps <= 10 * state.touching], gaps[gaps <= 10 * state.touching]
     touches = (gaps <= state.touching) | np.isin(near, known)
-    near, gaps = near[touches], gaps[touches]
+    kept = state.closed[~np.isin(state.rows.pair[state.closed], changed)]
+    near = state.rows.with_features(state.q, near[touches], kept, state.touching)
+    gaps = state.rows.gaps(state.t, state.q, near) * state.rows.lever[near]
     # a gap above rounding that rises belongs to a later event, if to any
     opening = (gaps > state.rows.rounding[near] * state.rows.lever[near]) & ~np.isin(near, state.closed)
     if opening.any():
@@ -78,7 +82,9 @@ def change_contacts(state: MotionState, touching: Array) -> Iterator[ImpactEvent
     forces, opening = complementarity(state.flow, state.projector, state.t, state.q, state.v, rest)
     # a contact that other contacts keep closed without its own force stays closed too: it cannot open on its own
     state.closed = rest[(forces > 0.0) | (opening <= STAYS)]
-    state.held = held_rows(state.rows, state.t, state.q, state.all_touching, state.closed)
+    held = held_rows(state.rows, state.t, state.q, state.all_touching, state.closed)
+    # of a pair whose features are closed the gap is watched by `first_feature_change`
+    state.held = np.union1d(held, state.feature_pairs())
 
 
 def _impact(
@@ -109,17 +115,21 @@ def _resting(state: MotionState, touching: Array, J: Array, metric: Metric, e: A
     bias = state.rows.bias(state.t, state.q, state.v, touching)
     smooth = state.rows.smooth[touching]
     sure = (rates <= still) & smooth
-    acceleration = state.system.acceleration(state.t, state.q, state.v)
-    if sure.any():
-        # the contact forces of rows that are sure to rest act on the others
-        acceleration = state.projector.project(acceleration, metric, J[sure], -bias[sure]).velocity
-    pull = J @ acceleration + bias
-    # a contact that the forces close rests if all its bounces last less time than the tolerance, or rise less than
-    # `_BOUNCE`
-    brief = 2.0 * rates <= state.tolerance * np.abs(pull) * (1.0 - e)
-    flat = state.rows.lever[touching] * rates**2 <= 2.0 * _BOUNCE * state.problem.length * np.abs(pull)
-    low = (pull < 0.0) & (brief | flat)
-    return np.asarray(touching[(low | sure) & smooth])
+    flat = state.rows.lever[touching] * rates**2, 2.0 * _BOUNCE * state.problem.length
+    free, rest = state.system.acceleration(state.t, state.q, state.v), sure
+    # the contact forces of rows that rest act on the others, so that more of them may rest
+    while True:
+        acceleration = free
+        if rest.any():
+            acceleration = state.projector.project(free, metric, J[rest], -bias[rest]).velocity
+        pull = np.minimum(J @ acceleration + bias, 0.0)
+        # a contact that the forces close rests if all its bounces last less time than the tolerance, or rise less than
+        # `_BOUNCE`
+        brief = 2.0 * rates <= state.tolerance * -pull * (1.0 - e)
+        low = (pull < 0.0) & (brief | (flat[0] <= flat[1] * -pull)) & smooth
+        if not (low & ~rest).any():
+            return np.asarray(touching[rest])
+        rest = rest | low
 
 
 def _single_impacts(v: Array, J: Array, inverse_mass_rows: Array, e: Array, still: Array) -> tuple[Array, Array]:

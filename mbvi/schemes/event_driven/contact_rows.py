@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...constraints import AdmissibleSet, ConstraintFamily, RowTable
+from ...constraints.pair_features import FeatureRows
 from ...constraints.rows import Array
 from ...errors import UnsuitableError
 from ...system.lengths import velocity_units
@@ -21,13 +22,16 @@ _MOST_NUMBERS = 20_000_000
 _DIFFERENCE = 1e-3
 # rounding of gaps, relative to the largest distance of a body from the origin
 _ROUNDING = 1e-14
+# that of distances that are searched, from placements that are rounded, over that of others
+_SEARCHED = 100.0
 
 
 class SmoothRows:
     """Gaps and gradients of all rows, near or far; each row is a function of q with a fixed number.
 
     A shape over a half-space has one row for each of its support points. A pair of polyhedra has one row, the distance
-    of the pair, whose gradient jumps: `smooth` says so.
+    of the pair, whose gradient jumps: `smooth` says so. Where such a pair touches, rows of its features are added
+    behind all others.
 
     Parameters
     ----------
@@ -46,8 +50,14 @@ class SmoothRows:
         Which constraint each row belongs to.
     restitution : ndarray, shape (m,)
         e of each row.
+    all : ndarray of int, shape (m,)
+        All rows but those of features.
     smooth : ndarray of bool, shape (m,)
         Whether its gradient is continuous.
+    featured : ndarray of bool, shape (m,)
+        Whether the row is that of a pair whose features have rows where it touches.
+    pair : ndarray of int, shape (m,)
+        The row of the pair that a row belongs to: a row of a feature to another, each other row to itself.
     reach : ndarray, shape (m, nv)
         How fast each velocity can change the gap; infinite where that is not known.
     thickness : ndarray, shape (m,)
@@ -67,7 +77,8 @@ class SmoothRows:
         self._system, self._constraints = constraints.system, constraints
         self._units = velocity_units(constraints.system, length)
         self._parts: list[tuple[ConstraintFamily, slice]] = []
-        empty = (np.zeros(0, np.int64), np.zeros(0), np.zeros(0, bool), np.zeros((0, self._system.nv)), np.zeros(0))
+        nothing, none = np.zeros(0), np.zeros(0, bool)
+        empty = np.zeros(0, np.int64), nothing, none, np.zeros((0, self._system.nv)), nothing, none
         columns: list[tuple[Array, ...]] = [empty]
         start = 0
         for family, first, e in constraints.numbered():
@@ -77,13 +88,62 @@ class SmoothRows:
             columns.append((table[0] + first, *table[1:]))
             self._parts.append((family, slice(start, start + len(table[0]))))
             start += len(table[0])
-        self.number, self.restitution, self.smooth, self.reach, self.thickness = map(
+        self.number, self.restitution, self.smooth, self.reach, self.thickness, self.featured = map(
             np.concatenate, zip(*columns, strict=True)
         )
-        self.all = np.arange(start)
+        self.all = self.pair = np.arange(start)
+        self._features = FeatureRows(self._system)
         self.lever = np.broadcast_to(constraints.levers(self.number), (start,))
         self.rounding = _ROUNDING * max(length, _extent(self._system, q)) / self.lever
-        self._splits: dict[bytes, list[tuple[ConstraintFamily, Array]]] = {}
+        self.rounding[~self.smooth] *= _SEARCHED
+        self._splits: dict[bytes, list[tuple[ConstraintFamily | FeatureRows, Array]]] = {}
+
+    def with_features(self, q: Array, index: Array, kept: Array, tolerance: float) -> Array:
+        """Return some rows that touch with those of features in place of their pairs, where they are known.
+
+        Parameters
+        ----------
+        q : ndarray, shape (nq,)
+            Configuration.
+        index : ndarray of int, shape (k,)
+            The rows, ascending.
+        kept : ndarray of int
+            Rows; of pairs that have features among them no others are sought.
+        tolerance : float
+            Gap at and below which a feature touches [m].
+        """
+        pairs = index[index < len(self.all)]
+        pairs = pairs[self.featured[pairs]]
+        if not pairs.size:
+            return index
+        found, replaced = [index], self.pair[kept[kept >= len(self.all)]].tolist()
+        for pair in np.setdiff1d(pairs, replaced).tolist():
+            family, rows = next(part for part in self._parts if part[1].start <= pair < part[1].stop)
+            new = len(self.all) + np.array(
+                family.feature_rows(q, pair - rows.start, tolerance, self._features), dtype=np.int64
+            )
+            self._extend(pair, new)
+            found.append(new)
+            replaced += [pair] * (len(new) > 0)
+        return np.setdiff1d(np.concatenate(found), replaced)
+
+    def features_outside(self, q: Array, index: Array) -> Array:
+        """Return how far the contact points of some rows of features are outside the shapes, shape (k,) [m]."""
+        return self._features.outside(q, index - len(self.all))
+
+    def _extend(self, pair: int, new: Array) -> None:
+        """Give rows of features what their pair has."""
+        count = int(new.max(initial=-1)) + 1 - len(self.pair)
+        if count <= 0:
+            return
+        for name in ("number", "restitution", "lever", "rounding"):
+            column = getattr(self, name)
+            setattr(self, name, np.append(column, np.full(count, column[pair])))
+        self.pair = np.append(self.pair, np.full(count, pair))
+        self.smooth, self.featured = (
+            np.append(self.smooth, np.ones(count, bool)),
+            np.append(self.featured, np.zeros(count, bool)),
+        )
 
     def depths(self, index: Array, gap: Array) -> Array:
         """Return the greatest depths of contacts and of limits, shape (2,), where some rows have these gaps."""
@@ -134,22 +194,26 @@ class SmoothRows:
         both = self._each(index, lambda family, rows: np.hstack(family.row_points(t, q, rows)), np.zeros((0, 6)))
         return both[:, :3], both[:, 3:]
 
-    def _each(self, index: Array, evaluate: Callable[[ConstraintFamily, Array], Array], nothing: Array) -> Array:
+    def _each(
+        self, index: Array, evaluate: Callable[[ConstraintFamily | FeatureRows, Array], Array], nothing: Array
+    ) -> Array:
         """Return what `evaluate` returns of the rows of each family, one family after the other."""
         found = [evaluate(family, rows) for family, rows in self._split(index)]
         return found[0] if len(found) == 1 else np.concatenate([nothing, *found])
 
-    def _split(self, index: Array) -> list[tuple[ConstraintFamily, Array]]:
+    def _split(self, index: Array) -> list[tuple[ConstraintFamily | FeatureRows, Array]]:
         """Return the families of some rows, each with its own rows; kept, because the same sets recur."""
         key = index.tobytes()
         split = self._splits.get(key)
         if split is None:
             if len(self._splits) >= _MOST_SETS:
                 self._splits.clear()
-            ends = np.searchsorted(index, [rows.start for _, rows in self._parts] + [len(self.all)])
+            parts: list[tuple[ConstraintFamily | FeatureRows, int]]
+            parts = [*((family, rows.start) for family, rows in self._parts), (self._features, len(self.all))]
+            ends = [*np.searchsorted(index, [start for _, start in parts]), len(index)]
             split = self._splits[key] = [
-                (family, index[low:high] - rows.start)
-                for (family, rows), low, high in zip(self._parts, ends[:-1], ends[1:], strict=True)
+                (family, index[low:high] - start)
+                for (family, start), low, high in zip(parts, ends[:-1], ends[1:], strict=True)
                 if high > low
             ]
         return split
@@ -161,13 +225,14 @@ def _extent(system: Any, q: Array) -> float:
     return float(np.linalg.norm(system.placements(q, bodies)[:, 3], axis=1).max()) if bodies.size else 0.0
 
 
-def _completed(table: RowTable, e: float, nv: int) -> tuple[Array, Array, Array, Array, Array]:
+def _completed(table: RowTable, e: float, nv: int) -> tuple[Array, ...]:
     """Return the columns of a table, with the problem's e and infinite numbers in place of unknown ones."""
-    number, own, smooth, reach, thickness = table
+    number, own, smooth, reach, thickness, featured = table
     return (
         number,
         np.where(np.isnan(own), e, own),
         smooth,
         np.full((len(number), nv), np.inf) if reach is None else reach,
         np.full(len(number), np.inf) if thickness is None else thickness,
+        np.zeros(len(number), bool) if featured is None else featured,
     )

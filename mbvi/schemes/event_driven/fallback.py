@@ -20,7 +20,7 @@ from .motion_state import NO_ROWS, MotionState, certain_rates
 from .runge_kutta import DEGREE, RungeKuttaStep
 
 # length of a step [s], and the number of steps after which the smooth motion is tried again
-_STEP, _MOST_STEPS = 1e-4, 50
+STEP, _MOST_STEPS = 1e-4, 50
 # the smooth motion continues after an impact if contacts with jumping gradients then stay open for this time [s]
 _OPEN_TIME = 1e-3
 
@@ -44,7 +44,7 @@ def fall_back(state: MotionState, end: float) -> Iterator[RungeKuttaStep | Impac
     """Take steps of `Paoli` while contacts with jumping gradients are active, then remove their penetration."""
     jumping = np.unique(state.rows.number[~state.rows.smooth])
     for _ in range(_MOST_STEPS):
-        h = min(_STEP, end - state.t)
+        h = min(STEP, end - state.t)
         if h <= 0.0:
             return
         state.fallbacks += 1
@@ -55,7 +55,7 @@ def fall_back(state: MotionState, end: float) -> Iterator[RungeKuttaStep | Impac
     if state.depth.any():
         yield _straight(state.t, 0.0, state.q, state.v, state.q)
     state.closing.forget()
-    yield from change_contacts(state, touching_rows(state, NO_ROWS))
+    yield from change_contacts(state, touching_rows(state, NO_ROWS, NO_ROWS))
 
 
 def _move_out(state: MotionState) -> Array:

@@ -12,7 +12,8 @@ from ...projection import Projector
 from ...system.lengths import velocity_units
 from ...system.system import Array
 from .contact_changes import change_contacts, touching_rows
-from .fallback import bounce, fall_back
+from .fallback import STEP, bounce, fall_back
+from .feature_events import drop_features, first_feature_change
 from .impact_event import ImpactEvent
 from .motion_state import NO_ROWS, MotionState
 from .release_events import first_release
@@ -27,10 +28,14 @@ _SAFETY, _LEAST_FACTOR, _MOST_FACTOR, _EXPONENT = 0.8, 0.2, 10.0, 0.125
 _FIRST_STEP, _LEAST_STEP = 1e-3, 1e-13
 # most Newton steps to an event, and the correction for which a parabola is exact enough, relative to the step
 _MOST_NEWTON, _PARABOLA = 4, 1e-6
+# error of a step, relative to the largest one, below which its dense output is exact enough to end it at an event
+_SMALL = 0.01
 # longest step after an event: this many times the step that ended at the event, or this time [s] if that is more
 _AFTER, _LEAST_AFTER = 10.0, 1e-6
 # events without progress in time after which steps of `Paoli` are taken
 _MOST_AT_ONCE = 50
+# events that must not all be within the length of a step of `Paoli`: more accumulate without end
+_MOST_EVENTS = 1000
 # in this many steps and events, time must advance by this part of the duration
 _PATIENCE, _PROGRESS = 3000, 1e-5
 
@@ -41,14 +46,15 @@ class EventDrivenIntegrator(MotionState):
     def __init__(self, problem: Problem, tolerance: float, projector: Projector) -> None:
         super().__init__(problem, tolerance, projector)
         self._units = velocity_units(self.system, problem.length)
-        # steps and events so far, and the time when progress was last checked
+        # steps and events so far, and the time when progress was last checked; the same of events alone
         self._count, self._checked_time = 0, self.t
+        self._events, self._events_time = 0, -np.inf
 
     def run(self, duration: float) -> Iterator[RungeKuttaStep | ImpactEvent]:
         """Yield the steps of the smooth motion, and the impacts between them."""
         # `at_once` counts events without progress in time
         end, h, at_once = self.problem.t0 + duration, min(_FIRST_STEP, duration), 0
-        yield from change_contacts(self, touching_rows(self, self.rows.all))
+        yield from change_contacts(self, touching_rows(self, self.rows.all, NO_ROWS))
         a = self.flow.acceleration(self.t, self.q, self.v, self.closed)
         while self.t < end:
             self._check_progress(duration)
@@ -72,9 +78,13 @@ class EventDrivenIntegrator(MotionState):
             self.observed.smooth_step(step, self.closed, self.t, self.q)
             yield step
             if event:
-                smooth = at_once <= _MOST_AT_ONCE and (self.rows.smooth[first].all() or (yield from bounce(self)))
-                if smooth:
-                    yield from change_contacts(self, touching_rows(self, np.union1d(first, self.closed)))
+                drop_features(self, first)
+                touching = touching_rows(self, np.union1d(first, self.closed), first)
+                # a pair that closes is replaced by the rows of its features, where these are clear
+                clear = self.rows.smooth[first] | (self.rows.featured[first] & ~np.isin(first, touching))
+                advances = at_once <= _MOST_AT_ONCE and self._events_advance()
+                if advances and (clear.all() or (yield from bounce(self))):
+                    yield from change_contacts(self, touching)
                 else:
                     yield from fall_back(self, end)
                     at_once = 0
@@ -83,6 +93,14 @@ class EventDrivenIntegrator(MotionState):
             # a control may react to the contacts that it has just received
             changed = event or self.closed.size or self.observed.active
             a = self.flow.acceleration(self.t, self.q, self.v, self.closed) if changed else step.a
+
+    def _events_advance(self) -> bool:
+        """Return False where very many events have followed each other within the length of a step of `Paoli`."""
+        self._events += 1
+        if self._events % _MOST_EVENTS:
+            return True
+        before, self._events_time = self._events_time, self.t
+        return self.t - before > STEP
 
     def _check_progress(self, duration: float) -> None:
         """Raise `DivergedError` where very many steps and events make no progress in time."""
@@ -110,7 +128,7 @@ class EventDrivenIntegrator(MotionState):
         share : float
             Share of h at which the event is; 1 if there is none.
         first : ndarray of int
-            The row that closes there, if one does.
+            The row that closes there, if one does, or the pairs whose features change.
         """
         step = self.flow.step(self.t, self.q, self.v, a, h, self.closed)
         error = self._error(step)
@@ -123,8 +141,12 @@ class EventDrivenIntegrator(MotionState):
         release = first_release(self.flow, self.projector, step, self.closed, share)
         if release < share:
             share, first = release, NO_ROWS
+        change, pairs = first_feature_change(self, step, share)
+        if change < share:
+            share, first = change, pairs
         if share < 1.0:
-            step = self._step_to_event(a, share * h, first)
+            closing = NO_ROWS if first is pairs else first
+            step = self._cut(step, share, closing) if error < _SMALL else self._step_to_event(a, share * h, closing)
         return step, factor, share, first
 
     def _shorter(self, h: float, factor: float, error: DivergedError | None = None) -> float:
@@ -154,6 +176,17 @@ class EventDrivenIntegrator(MotionState):
         in_chart, *of_v = (step.error.reshape(-1, len(step.v)) / self._units).max(axis=1, initial=0.0).tolist()
         # np.maximum keeps a NaN
         return float(np.maximum(in_chart, np.max(of_v) / speed) / (_LOCAL * self.tolerance))
+
+    def _cut(self, step: RungeKuttaStep, share: float, first: Array) -> RungeKuttaStep:
+        """Return the part of a step up to where the first row closes, by its dense output and Newton's method."""
+        for _ in range(_MOST_NEWTON if first.size else 0):
+            t, (q, v) = step.t + share * step.h, step.at(self.system, share)
+            gap, rate = float(self.rows.gaps(t, q, first)[0]), float((self.rows.gradients(t, q, first) @ v)[0])
+            if abs(gap) < 0.1 * self.rows.rounding[first[0]] or rate >= 0.0 or not 0.0 < share * step.h - gap / rate:
+                break
+            share -= gap / rate / step.h
+        cut = step.cut(self.system, share)
+        return cut._replace(a=self.flow.acceleration(cut.t + cut.h, cut.q, cut.v, self.closed))
 
     def _step_to_event(self, a: Array, h: float, first: Array) -> RungeKuttaStep:
         """Return a step of about length h that ends where the first row closes, by Newton's method."""

@@ -72,6 +72,10 @@ class MotionState:
         self.depth, self.residual, self.fallbacks = np.zeros(2), 0.0, 0
         self.fallback: Step | None = None
 
+    def feature_pairs(self) -> Array:
+        """Return the rows of the pairs of which rows of features are closed, ascending."""
+        return np.unique(self.rows.pair[self.closed[self.closed >= len(self.rows.all)]])
+
     def slow(self, index: Array) -> Array:
         """Return the rates of some rows that count as zero [m/s or rad/s]."""
         return np.asarray(_SLOW * self.problem.length / self.rows.lever[index])

@@ -71,6 +71,11 @@ class RungeKuttaStep(NamedTuple):
         dq, dv = self.h * (self.dense @ share**_POWERS)
         return system.integrate(self.q0, dq), self.v0 + dv
 
+    def cut(self, system: System, share: float) -> RungeKuttaStep:
+        """Return the part of the step up to a share of it, by its dense output; the last acceleration is the step's."""
+        q, v = self.at(system, share)
+        return self._replace(h=share * self.h, q=q, v=v, dense=self.dense * share ** (_POWERS - 1))
+
     def prolonged(self, system: System, time: float) -> RungeKuttaStep:
         """Return the step with its end moved by a short time, in which the motion is a parabola."""
         a = self.a[: len(self.v)]

@@ -33,9 +33,10 @@ class EventDriven(SchemeBase):
     A contact is put to rest if all its bounces would last less time than the tolerance, or rise less than 1e-14 of the
     scene's length. Where impacts on several constraints accumulate, single impacts are followed to their limit.
 
-    Where polyhedra rest on each other, so that gradients jump, and where events follow each other without end, the
-    scheme takes steps of `Paoli` of 1e-4 s, of order one, and the run's notes say so. Where steps and events make no
-    progress in time, the run ends with `DivergedError`.
+    Polyhedra that stay on each other keep the rows of the vertices, faces and edges that touch; a change of these is an
+    event. Where cylinders, ellipsoids or planar polyhedra rest on each other, so that gradients jump, and where events
+    follow each other without end, the scheme takes steps of `Paoli` of 1e-4 s, of order one, and the run's notes say
+    so. Where steps and events make no progress in time, the run ends with `DivergedError`.
     """
 
     timing = Timing(own_steps=True)

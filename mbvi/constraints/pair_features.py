@@ -1,0 +1,315 @@
+"""Rows of touching polyhedra that keep their features: a vertex on a face or an edge across an edge.
+
+The distance of two polyhedra has a gradient that jumps where the nearest features change. As long as they do not, it is
+the distance of a vertex from the plane of a face, or of two lines: a smooth function of q.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..geometry.shapes.shape_table import ShapeTable
+from ..geometry.shapes.shapes import PlacedShape
+from ..system import System
+from .rows import Array
+
+# lengths are relative to the bounding radius of the smaller shape
+# points this little below the outermost one belong to its face or edge; parts so near to others are the same; corners
+# of a region that two faces share are so near to vertices and edges
+_LEVEL, _SAME, _NEAR = 1e-11, 1e-8, 1e-6
+# vertices so far beside the other shape do not touch it
+_OFF = 1e-13
+# sine of the angle of two edges above which they cross
+_CROSS = 1e-6
+# which features touch: a vertex of the first shape and a face of the second, the reverse, or two edges
+_VERTEX_FACE, _FACE_VERTEX, _EDGES = range(3)
+
+
+def is_polyhedron(placed: PlacedShape) -> bool:
+    """Return whether a shape is the convex hull of its support points."""
+    points, half_axes, radius = placed.shape.support_points()
+    return radius == 0.0 and len(points) > 3 and not half_axes.any()
+
+
+def _faces(placed: PlacedShape) -> Array:
+    """Return the faces of a polyhedron in its body's frame, outward unit normal and offset, shape (f, 4)."""
+    # only pairs of polyhedra that touch need it, and its import is slow
+    from scipy.spatial import ConvexHull
+
+    points = placed.shape.support_points()[0] @ placed.rotation.T + placed.position
+    planes = np.unique(ConvexHull(points).equations, axis=0)
+    return planes * np.array([1.0, 1.0, 1.0, -1.0])
+
+
+def is_rounded(placed: PlacedShape) -> bool:
+    """Return whether a shape is the convex hull of a few points, swelled by a ball: its normals are continuous."""
+    _, half_axes, radius = placed.shape.support_points()
+    return radius > 0.0 and not half_axes.any()
+
+
+class _Touching(NamedTuple):
+    """Where rows touch: bodies, kinds, placements, directions on either body in the world, gaps, points and normals."""
+
+    bodies: Array
+    kind: Array
+    places: Array
+    along: Array
+    gap: Array
+    point: Array
+    normal: Array
+
+
+_NOWHERE = _Touching(*np.zeros((7, 0)))
+
+
+class FeatureRows:
+    """Rows of pairs of polyhedra, each with the features that touched when it was found; more are added as they touch.
+
+    Parameters
+    ----------
+    system : System
+        What moves the bodies.
+    """
+
+    def __init__(self, system: System) -> None:
+        self._system = system
+        self._kind, self._bodies = np.zeros(0, np.int64), np.zeros((0, 2), np.int64)
+        # of each row a point and a direction on either body, in the body's frame: of a vertex the point, of a face a
+        # point and the normal from the first shape to the second, of an edge a point and its direction
+        self._parts = np.zeros((0, 2, 2, 3))
+        # of each row the faces of both shapes, in the bodies' frames; and the faces of each shape
+        self._faces: list[list[Array]] = []
+        self._known: dict[int, Array] = {}
+        self._last_key, self._last = b"", _NOWHERE
+
+    def add(
+        self, table: ShapeTable, sides: Array, q: Array, point: Array, normal: Array, alone: bool = False
+    ) -> int | None:
+        """Add the row of two polyhedra that touch at a point; return its number, or None where features are unclear.
+
+        If `alone`, features are also unclear where they may share more than that point.
+
+        Parameters
+        ----------
+        table, sides
+            The shapes, and which two of them.
+        q : ndarray, shape (nq,)
+            Where they touch.
+        point, normal : ndarray, shape (3,)
+            In the world; the normal leads from the first shape to the second.
+        """
+        shapes = [table.placed[s] for s in sides.tolist()]
+        bodies = np.array([shape.body for shape in shapes])
+        for shape in shapes:
+            if id(shape) not in self._known:
+                self._known[id(shape)] = _faces(shape)
+        faces = [self._known[id(shape)] for shape in shapes]
+        found = _features(shapes, faces, self._places(q, bodies), float(table.bound[sides].min()), point, normal, alone)
+        if found is None:
+            return None
+        kind, parts = found
+        same = (self._kind == kind) & (self._bodies == bodies).all(axis=1)
+        same &= (np.abs(self._parts - parts) <= _SAME).all(axis=(1, 2, 3))
+        if same.any():
+            return int(same.argmax())
+        self._kind, self._bodies = np.append(self._kind, kind), np.vstack([self._bodies, bodies])
+        self._parts = np.concatenate([self._parts, parts[None]])
+        self._faces.append(faces)
+        return len(self._kind) - 1
+
+    def _places(self, q: Array, bodies: Array) -> Array:
+        """Return the placements of some bodies, shape (k, 4, 3); the world's is the identity."""
+        places = np.zeros((len(bodies), 4, 3))
+        places[:, :3] = np.eye(3)
+        moving = bodies > 0
+        places[moving] = self._system.placements(q, bodies[moving])
+        return places
+
+    def _at(self, q: Array, rows: Array) -> _Touching:
+        """Return where some rows touch; kept, because gradients and their change are wanted at the same place."""
+        key = q.tobytes() + rows.tobytes()
+        if key != self._last_key:
+            self._last_key, self._last = key, self._found(q, rows)
+        return self._last
+
+    def _found(self, q: Array, rows: Array) -> _Touching:
+        """Return what `_at` keeps."""
+        bodies, kind = self._bodies[rows], self._kind[rows]
+        places, parts = self._places(q, bodies.ravel()).reshape(-1, 2, 4, 3), self._parts[rows]
+        start = (parts[:, :, 0, None, :] @ places[:, :, :3])[:, :, 0] + places[:, :, 3]
+        along = (parts[:, :, 1, None, :] @ places[:, :, :3])[:, :, 0]
+        normal, point = along[:, 1].copy(), start[:, 0].copy()
+        turned, crossed = kind == _FACE_VERTEX, kind == _EDGES
+        normal[turned], point[turned] = along[turned, 0], start[turned, 1]
+        if crossed.any():
+            a, b, d, e = start[crossed, 0], start[crossed, 1], along[crossed, 0], along[crossed, 1]
+            n = _cross(d, e)
+            square = np.vecdot(n, n)
+            # the nearest point of the first line
+            share = np.vecdot(_cross(b - a, e), n) / square
+            normal[crossed], point[crossed] = n / np.sqrt(square)[:, None], a + share[:, None] * d
+        return _Touching(bodies, kind, places, along, np.vecdot(normal, start[:, 1] - start[:, 0]), point, normal)
+
+    def outside(self, q: Array, rows: Array) -> Array:
+        """Return how far the contact points of some rows are outside the shapes, beyond their gaps, shape (k,) [m]."""
+        at, found = self._at(q, rows), np.empty(len(rows))
+        own = ((at.point[:, None] - at.places[:, :, 3])[:, :, None, :] @ at.places[:, :, :3].swapaxes(2, 3))[:, :, 0]
+        for i, row in enumerate(rows.tolist()):
+            sides = (1,) if at.kind[i] == _VERTEX_FACE else (0,) if at.kind[i] == _FACE_VERTEX else (0, 1)
+            planes = self._faces[row]
+            found[i] = max(float((planes[k][:, :3] @ own[i, k] - planes[k][:, 3]).max()) for k in sides)
+        return np.asarray(found - np.abs(at.gap))
+
+    def row_gap(self, t: float, q: Array, rows: Array) -> Array:
+        """Return the gaps of some rows, shape (k,) [m]."""
+        return self._at(q, rows).gap
+
+    row_lower_bound = row_gap
+
+    def row_gradient(self, t: float, q: Array, rows: Array) -> Array:
+        """Return the gradients of some rows, shape (k, nv)."""
+        at = self._at(q, rows)
+        first, second = np.ascontiguousarray(at.bodies.T)
+        return self._system.separation_rows(q, first, second, at.point, at.normal)
+
+    def row_bias(self, t: float, q: Array, v: Array, rows: Array) -> Array:
+        """Return (dJ/dt) v of some rows where they touch, shape (k,)."""
+        at, k = self._at(q, rows), len(rows)
+        # the velocities of either body at the contact point, and at that point moved by `along`
+        points = np.stack([at.point[:, None] + np.zeros((k, 2, 3)), at.point[:, None] + at.along], axis=2)
+        many, bodies = np.repeat(points.reshape(-1, 3), 3, axis=0), np.repeat(at.bodies.ravel(), 6)
+        axes = np.tile(np.eye(3), (4 * k, 1))
+        moved = (self._system.separation_rows(q, np.zeros_like(bodies), bodies, many, axes) @ v).reshape(k, 2, 2, 3)
+        sliding, turning = moved[:, 1, 0] - moved[:, 0, 0], moved[:, :, 1] - moved[:, :, 0]
+        own = ((at.point[:, None] - at.places[:, :, 3])[:, :, None, :] @ at.places[:, :, :3].swapaxes(2, 3))[:, :, 0]
+        bias, moving = np.zeros((2 * k, 3)), at.bodies.ravel() > 0
+        bias[moving] = self._system.point_bias(q, v, at.bodies.ravel()[moving], own.reshape(-1, 3)[moving])
+        change = np.vecdot(bias[1::2] - bias[::2], at.normal)
+        for i in range(k):
+            if at.kind[i] == _EDGES:
+                change[i] += _edge_bias(at.normal[i], at.along[i], turning[i], sliding[i])
+            else:
+                # the normal turns with the body that has the face
+                change[i] += 2.0 * turning[i, 1 if at.kind[i] == _VERTEX_FACE else 0] @ sliding[i]
+        return change
+
+    def row_points(self, t: float, q: Array, rows: Array) -> tuple[Array, Array]:
+        """Return contact points and normals of some rows, shapes (k, 3)."""
+        at = self._at(q, rows)
+        return at.point, at.normal
+
+    def bearing(self, t: float, q: Array, rows: Array) -> Array:
+        """Return True for each row: of a face on a face few corners were found."""
+        return np.ones(len(rows), bool)
+
+    def check_rows(self, t: float, q: Array, rows: Array) -> None:
+        """Do nothing: gradients of features are exact."""
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """Return the cross products of vectors in rows."""
+    return np.asarray(a[..., _NEXT] * b[..., _LAST] - a[..., _LAST] * b[..., _NEXT])
+
+
+_NEXT, _LAST = [1, 2, 0], [2, 0, 1]
+
+
+def _edge_bias(n: Array, along: Array, turning: Array, sliding: Array) -> float:
+    """Return what the turning of two crossing edges adds to (dJ/dt) v of their distance.
+
+    Parameters
+    ----------
+    n : ndarray, shape (3,)
+        The normal.
+    along, turning : ndarray, shape (2, 3)
+        Directions of the edges and their rates of change.
+    sliding : ndarray, shape (3,)
+        Velocity of the second body relative to the first where they touch.
+    """
+    (d, e), (dd, de) = along, turning
+    N = _cross(d, e)
+    size = float(np.sqrt(N @ N))
+    rate = (_cross(dd, e) + _cross(d, de)) / size
+    # the contact point moves along both edges
+    first, second = float(_cross(sliding, e) @ n) / size, float(_cross(sliding, d) @ n) / size
+    return float((rate - (rate @ n) * n) @ sliding + n @ (second * de - first * dd))
+
+
+def _features(
+    shapes: list[PlacedShape],
+    faces: list[Array],
+    places: Array,
+    bound: float,
+    point: Array,
+    normal: Array,
+    alone: bool,
+) -> tuple[int, Array] | None:
+    """Return which features of two polyhedra touch at a point, and their parts; see `FeatureRows`."""
+    inside, level, near = [], [], []
+    for shape, place, sign in zip(shapes, places, (1.0, -1.0), strict=True):
+        own = shape.shape.support_points()[0] @ shape.rotation.T + shape.position
+        world = own @ place[:3] + place[3]
+        height = sign * (world @ normal)
+        level.append(np.flatnonzero(height >= height.max() - _LEVEL * bound))
+        distance = np.linalg.norm(world[level[-1]] - point, axis=1)
+        one = len(level[-1]) == 1
+        near.append(level[-1][distance.argmin()] if one or distance.min() <= _NEAR * bound else None)
+        inside.append((own, world))
+    (own_a, world_a), (own_b, world_b) = inside
+    sizes, edges = [len(each) for each in level], None
+    for side, vertex in enumerate(near):
+        if vertex is not None and sizes[side] > 1:
+            # a vertex that has slid off the other shape is no corner
+            own = places[1 - side, :3] @ (inside[side][1][vertex] - places[1 - side, 3])
+            off = float((faces[1 - side][:, :3] @ own - faces[1 - side][:, 3]).max())
+            apart = abs(float((inside[side][1][vertex] - inside[1 - side][1][level[1 - side][0]]) @ normal))
+            near[side] = None if off - apart > _OFF * bound else vertex
+    a, b = near
+    if alone and min(sizes) > 1 and sizes != [2, 2]:
+        return None
+    if sizes == [2, 2] or (a is None and b is None):
+        edges = _crossing(world_a, world_b, level, point, normal, bound)
+    nothing = np.zeros(3)
+    if edges is not None:
+        (i, j), (k, m) = edges
+        d, e = (own_a[j] - own_a[i]) / np.linalg.norm(own_a[j] - own_a[i]), own_b[m] - own_b[k]
+        return _EDGES, np.array([[own_a[i], d], [own_b[k], e / np.linalg.norm(e)]])
+    if alone and min(sizes) > 1:
+        return None
+    if a is not None and (b is None or sizes[1] > 2 or sizes[0] < 3):
+        return _VERTEX_FACE, np.array([[own_a[a], nothing], [own_b[level[1][0]], places[1, :3] @ normal]])
+    if b is not None:
+        return _FACE_VERTEX, np.array([[own_a[level[0][0]], places[0, :3] @ normal], [own_b[b], nothing]])
+    return None
+
+
+def _crossing(
+    first: Array, second: Array, level: list[Array], point: Array, normal: Array, bound: float
+) -> tuple[tuple[int, int], tuple[int, int]] | None:
+    """Return the ends of an edge of either shape that cross at a point, so ordered that their cross product is n."""
+    for i, j in _edges_through(first, level[0], point, normal, bound):
+        for k, m in _edges_through(second, level[1], point, normal, bound):
+            d, e = first[j] - first[i], second[m] - second[k]
+            turn = float(np.cross(d, e) @ normal)
+            if abs(turn) > _CROSS * np.linalg.norm(d) * np.linalg.norm(e):
+                return (i, j), (k, m) if turn > 0.0 else (m, k)
+    return None
+
+
+def _edges_through(points: Array, level: Array, place: Array, normal: Array, bound: float) -> list[tuple[int, int]]:
+    """Return the ends of the edges of a flat convex polygon, of some points, that pass through a place."""
+    found, own = [], points[level] - place
+    for i in range(len(level)):
+        for j in range(i + 1, len(level)):
+            d = own[j] - own[i]
+            size = float(np.linalg.norm(d))
+            # the place is on the segment, and all other points are on one side of it
+            side = np.cross(normal, d / max(size, _SAME * bound)) @ own.T
+            one_side = side.max() <= _NEAR * bound or side.min() >= -_NEAR * bound
+            slack = _NEAR * bound * size
+            on = abs(side[i]) <= _NEAR * bound and own[i] @ d <= slack and own[j] @ d >= -slack
+            if size > _SAME * bound and (len(level) == 2 or (on and one_side)):
+                found.append((int(level[i]), int(level[j])))
+    return found
