@@ -13,6 +13,7 @@ from .errors import (
     MbviWarning,
     MjcfError,
     ProjectionError,
+    SensitivityError,
     TrajectoryFileError,
     UnsuitableError,
     UrdfError,
@@ -22,6 +23,7 @@ from .geometry import motion, surfaces
 if TYPE_CHECKING:
     from . import packing, reference
     from .constraints import GapFunction
+    from .derivatives import Sensitivity, SensitivityCheck, sensitivity
     from .impacts import Forks, forks
     from .problem import Problem
     from .projection import DualActiveSet, Projection, ProxQP, SparsePCG, impact, project
@@ -74,6 +76,9 @@ __all__ = [
     "Rollouts",
     "Scene",
     "SchatzmanPaoli",
+    "Sensitivity",
+    "SensitivityCheck",
+    "SensitivityError",
     "Simulator",
     "SparsePCG",
     "StewartTrinkle",
@@ -92,6 +97,7 @@ __all__ = [
     "replay",
     "robot",
     "rollout",
+    "sensitivity",
     "simulate",
     "steps",
     "surfaces",
@@ -101,6 +107,7 @@ __all__ = [
 # modules that are imported when one of their names is first used
 _LATER = {
     ".constraints": "GapFunction",
+    ".derivatives": "Sensitivity SensitivityCheck sensitivity",
     ".impacts": "Forks forks",
     ".problem": "Problem",
     ".projection": "DualActiveSet Projection ProxQP SparsePCG impact project",

@@ -12,6 +12,7 @@ __all__ = [
     "MbviError",
     "MbviWarning",
     "ProjectionError",
+    "SensitivityError",
     "TrajectoryFileError",
     "UnsuitableError",
     "UrdfError",
@@ -65,6 +66,27 @@ class DivergedError(MbviError):
     """
 
     returned = False
+
+
+class SensitivityError(MbviError):
+    """A motion has no derivative, or mbvi does not know it.
+
+    Attributes
+    ----------
+    time : float
+        When that is found [s].
+    bodies : tuple of str
+        The constraints that are involved, by the names of impacts: "ball | floor".
+    reason : str
+        Why.
+    """
+
+    def __init__(self, reason: str, time: float, bodies: tuple[str, ...] = ()) -> None:
+        who = f", {', '.join(bodies[:5])}{' and others' if len(bodies) > 5 else ''}" if bodies else ""
+        super().__init__(f"no derivative at t = {time:.9g} s{who}: {reason}")
+        self.time = time
+        self.bodies = bodies
+        self.reason = reason
 
 
 class TrajectoryFileError(MbviError):

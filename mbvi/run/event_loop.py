@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from time import perf_counter
 
@@ -169,8 +169,9 @@ def run_event_driven(
     out: str | os.PathLike[str] | None,
     progress: bool | None,
     contacts: bool = False,
+    watch: Callable[[RungeKuttaStep | ImpactEvent, EventDrivenIntegrator], None] | None = None,
 ) -> Trajectory:
-    """Run a problem with `EventDriven`; see `simulate`."""
+    """Run a problem with `EventDriven`; see `simulate`. `watch` is called after each smooth step and impact."""
     # a contact that stays closed is one contact, however far it slides
     problem.constraints.renew()
     record = _EventRecorder(problem, every, notes, ContactLog(np.inf) if contacts else None)
@@ -185,6 +186,8 @@ def run_event_driven(
                 record.add_impact(part, integrator)
             else:
                 record.add_step(part, integrator)
+            if watch is not None:
+                watch(part, integrator)
             if perf_counter() >= next_poll:
                 done = _TICKS * (integrator.t - problem.t0) / duration
                 next_poll = min(writer.poll(), bar.poll(max(int(done), 1)))

@@ -637,6 +637,16 @@ CALLS: dict[str, Call] = {
         mbvi.forks, lambda: {"v": [1.0, -1.0, 0.0], "M": np.eye(3), "J": np.eye(3)[:2], "e": 0.5},
         lambda found: _finite_projection(found.law),
     ),
+    "sensitivity": Call(
+        mbvi.sensitivity,
+        lambda: {
+            "problem": scene().build(), "scheme": mbvi.EventDriven(1e-6), "duration": 0.01,
+            "wrt": ["state", "restitution"], "bodies": None,
+        },
+    ),
+    "Sensitivity.check": Call(
+        lambda **given: mbvi.sensitivity(scene().build(), duration=1e-3).check(**given), lambda: {"directions": 1}
+    ),
     "sweep": Call(
         _sweep,
         lambda: {**_STUDY, "out": study(), "client": _client(), "budget": 100.0},
@@ -795,11 +805,11 @@ CALLS: dict[str, Call] = {
 _RETURNED = (
     mbvi.RolloutStatus, mbvi.Rollouts,
     mbvi.Trajectory, mbvi.Impact, mbvi.Diagnosis, mbvi.ErrorEstimate, mbvi.Forks, mbvi.Projection, mbvi.packing.Packing,
-    mbvi.reference.Reference, mbvi.motion.Motion,
+    mbvi.reference.Reference, mbvi.motion.Motion, mbvi.Sensitivity, mbvi.SensitivityCheck,
 )  # fmt: skip
 # classes whose methods a user calls; those of schemes, systems and constraints are called by a run
 _WITH_METHODS = (
-    mbvi.Simulator,
+    mbvi.Simulator, mbvi.Sensitivity,
     mbvi.Scene, mbvi.Problem, mbvi.Trajectory, mbvi.Diagnosis, mbvi.reference.Reference, mbvi.motion.Translation,
     mbvi.motion.Oscillation, mbvi.motion.Rotation,
 )  # fmt: skip

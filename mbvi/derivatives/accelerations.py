@@ -1,0 +1,116 @@
+"""Derivatives of the accelerations of a system without contacts, part by part."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+import pinocchio as pin
+
+from ..system import System
+from ..system.actuated import ActuatedSystem
+from ..system.free.bodies import FreeBodies, Spheres
+from ..system.free.planar import PlanarBodies
+from ..system.mechanisms.articulated import ArticulatedSystem
+from ..system.system import Array, Part, located_parts
+from .differences import along_both
+
+# (t, q, v, force) -> derivative of acceleration + M^-1 force at constant force, shape (nv, 2 nv)
+Jacobian = Callable[[float, Array, Array, Array], Array]
+
+
+class Accelerations:
+    """Derivatives of a system's accelerations without contacts by (q, v).
+
+    Parameters
+    ----------
+    system : System
+        A system without equalities.
+    steps : ndarray, shape (nv,)
+        Lengths of differences along each velocity; see `along`.
+    """
+
+    def __init__(self, system: System, steps: Array) -> None:
+        self._system, self._steps = system, steps
+        self._parts = [(part, _jacobian(part, steps[_columns(part)])) for part in located_parts(system)]
+
+    def jacobian(self, t: float, q: Array, v: Array, force: Array) -> Array:
+        """Return the derivative of M^-1 (g + force) by (q, v) at a constant generalised force, shape (nv, 2 nv)."""
+        n, system = len(v), self._system
+        out = np.zeros((n, 2 * n))
+        if isinstance(system, ActuatedSystem):
+            loads = along_both(partial(_loaded, system, t), system, q, v, self._steps)
+            # passes the mechanisms their loads at (q, v), which are constant below
+            system.torque(t, q, v)
+            out += system.metric(q).solve_rows(np.ascontiguousarray(loads.T)).T
+        for part, jacobian in self._parts:
+            own = _columns(part)
+            found = jacobian(t, q[part.q : part.q + part.system.nq], v[own], force[own])
+            m = part.system.nv
+            out[own, own] += found[:, :m]
+            out[own, n + own.start : n + own.stop] += found[:, m:]
+        return out
+
+
+def _columns(part: Part) -> slice:
+    return slice(part.v, part.v + part.system.nv)
+
+
+def _loaded(system: ActuatedSystem, t: float, q: Array, v: Array) -> Array:
+    """Return the generalised force of the loads, shape (nv,)."""
+    total = np.zeros(system.nv)
+    for load in system.loads:
+        load.add(t, q, v, total)
+    return total
+
+
+def _jacobian(part: Part, steps: Array) -> Jacobian:
+    """Return what computes the derivatives of one part."""
+    system = part.system
+    if isinstance(system, ArticulatedSystem):
+        return partial(_of_mechanism, system, system.model.createData(), steps)
+    if isinstance(system, Spheres | PlanarBodies):
+        return lambda t, q, v, force: np.zeros((len(v), 2 * len(v)))
+    if isinstance(system, FreeBodies):
+        return partial(_of_bodies, system)
+    return partial(_of_any, system, steps)
+
+
+def _of_any(system: System, steps: Array, t: float, q: Array, v: Array, force: Array) -> Array:
+    def forced(q: Array, v: Array) -> Array:
+        free = system.acceleration(t, q, v)
+        return free + system.metric(q).solve_rows(force[None])[0] if force.any() else free
+
+    return along_both(forced, system, q, v, steps)
+
+
+def _of_bodies(system: FreeBodies, t: float, q: Array, v: Array, force: Array) -> Array:
+    # M of bodies does not depend on q, and gyroscopic torques are quadratic: these differences are exact
+    n = len(v)
+    out = np.zeros((n, 2 * n))
+    for k in (3, 4, 5):
+        dv = np.zeros(n)
+        dv[k::6] = 1.0
+        change = 0.5 * (system.acceleration(t, q, v + dv) - system.acceleration(t, q, v - dv))
+        for body in range(n // 6):
+            own = slice(6 * body, 6 * body + 6)
+            out[own, n + 6 * body + k] = change[own]
+    return out
+
+
+def _of_mechanism(
+    system: ArticulatedSystem, data: pin.Data, steps: Array, t: float, q: Array, v: Array, force: Array
+) -> Array:
+    """Pinocchio's analytical derivatives, with differences of what controls and springs do."""
+    torque = system.torque(t, q, v) - system.damping * v + force
+    pin.computeABADerivatives(system.model, data, q, v, torque)
+    out = np.hstack([data.ddq_dq, data.ddq_dv])
+    if not (system.damping.any() or system.controlled or system.springs):
+        return out
+    upper = np.triu(data.Minv)
+    inverse = upper + np.triu(upper, 1).T
+    out[:, len(v) :] -= inverse * system.damping
+    if system.controlled or system.springs:
+        out += inverse @ along_both(partial(system.torque, t), system, q, v, steps)
+    return out

@@ -1,0 +1,238 @@
+"""The saltation of variations at a located impact, and the refusal of impacts that have no derivative."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NoReturn
+
+import numpy as np
+
+from ..schemes.event_driven.motion_state import certain_rates
+from ..schemes.event_driven.runge_kutta import least_percussion
+from ..system.system import Array
+from .linearised import Linearised
+
+# cosines of kinetic angles below this count as zero, and above one less this as one
+_COSINE = 1e-9
+# relative percussion above which a row bears one
+_BEARS = 1e-12
+# largest difference of velocities, and of the matrices of two orders, that rounding explains; relative
+_ROUNDING = 1e-7
+
+# contact force, as an acceleration relative to the terms it consists of, that keeps a contact closed
+_PRESSED = 1e-6
+
+Refuse = Callable[[str, Array, float], NoReturn]
+
+
+@dataclass(frozen=True)
+class LocatedImpact:
+    """An impact with the contacts around it.
+
+    Attributes
+    ----------
+    t, q : float and ndarray, shape (nq,)
+        Time [s] and configuration.
+    before, after : ndarray, shape (nv,)
+        Velocity before the impact, and when the motion goes on.
+    rows : ndarray of int, shape (k,)
+        The rows that touch.
+    percussion : ndarray, shape (k,)
+        Of each.
+    closed_before, held_before, closed_after : ndarray of int
+        Rows that were kept closed, rows that those held, and rows that are kept closed when the motion goes on.
+    """
+
+    t: float
+    q: Array
+    before: Array
+    after: Array
+    rows: Array
+    percussion: Array
+    closed_before: Array
+    held_before: Array
+    closed_after: Array
+
+
+class Saltation:
+    """Carries variations over impacts.
+
+    Parameters
+    ----------
+    linear : Linearised
+        The derivatives of the motion.
+    slowest : float
+        Impacts slower than this are refused as grazing: relative to the largest speed that the row could have at this
+        speed of its bodies plus one length of the scene a second.
+    refuse : callable
+        refuse(reason, rows, time) raises `SensitivityError`.
+
+    Notes
+    -----
+    One row closes, at the rate J v- < 0: a variation x = (dq, dv) shifts the time by s = -J dq / (J v-), and what
+    follows is R (x + F- s) - F+ s with the fields F = (v, dv/dt) before and after, and R the derivative of the law on
+    the rows that bear a percussion. Rows that close together are taken one after the other; if the order matters there
+    is no derivative.
+    """
+
+    def __init__(self, linear: Linearised, length: float, slowest: float, refuse: Refuse) -> None:
+        self._linear, self._length, self._slowest, self._refuse = linear, length, slowest, refuse
+        # the rows that have had impacts
+        self._struck: set[int] = set()
+
+    def slowest(self, rows: Array, J: Array, v: Array) -> Array:
+        """Return the rates of rows [m/s, rad/s] below which an impact is refused as grazing."""
+        return np.asarray(self._slowest * (np.abs(J) @ np.abs(v) + self._length / self._linear.rows.lever[rows]))
+
+    def carried(self, impact: LocatedImpact, X: Array, by_e: Array) -> Array:
+        """Return variations X, shape (2 nv, p), after an impact.
+
+        `by_e`, shape (m, p), says how much each varies the restitution of each constraint.
+        """
+        rows, q, v = impact.rows, impact.q, impact.before
+        J = self._linear.rows.gradients(impact.t, q, rows)
+        before = J @ v
+        was_closed = np.isin(rows, np.union1d(impact.closed_before, impact.held_before))
+        hit = ~was_closed & (before < -certain_rates(J, v, 0.0))
+        self._check_rows(impact, J, before, hit, was_closed)
+        rests = np.intersect1d(impact.closed_after, rows[hit])
+        if by_e[self._linear.rows.number[rests]].any():
+            self._check_forces(impact, rests)
+        bears = impact.percussion > _BEARS * impact.percussion.max(initial=0.0)
+        stays = was_closed & (bears | np.isin(rows, impact.closed_after))
+        weak = was_closed & ~stays & (J @ impact.after < self.slowest(rows, J, v))
+        if weak.any():
+            self._refuse("a closed contact opens there with hardly any speed", rows[weak], impact.t)
+        groups = self._groups(impact, J, hit, stays)
+        found = self._one_by_one(impact, groups, rows[stays], bears, X, by_e)
+        for order in _other_orders(groups):
+            other = self._one_by_one(impact, order, rows[stays], bears, X, by_e)
+            scale = max(np.abs(one / self._linear.units[:, None]).max() for one in (X, found))
+            if np.abs((other - found) / self._linear.units[:, None]).max() > _ROUNDING * scale:
+                self._refuse("several close at once, and the order in which they do matters", rows[hit], impact.t)
+        return found
+
+    def _check_rows(self, impact: LocatedImpact, J: Array, before: Array, hit: Array, was_closed: Array) -> None:
+        """Refuse grazing, and rows that bounce without end or come to rest in another way than by e = 0."""
+        rows, linear = impact.rows, self._linear
+        slowest = self.slowest(rows, J, impact.before)
+        still = ~was_closed & (np.abs(before) < slowest)
+        e = linear.rows.restitution
+        rests = np.setdiff1d(impact.closed_after, np.union1d(impact.closed_before, impact.held_before))
+        endless = np.union1d(rests[e[rests] > 0.0], rows[still & (e[rows] > 0.0) & np.isin(rows, list(self._struck))])
+        if endless.size:
+            self._refuse("its impacts accumulate: it comes to rest after bounces without end", endless, impact.t)
+        self._struck.update(rows[hit].tolist())
+        if still.any():
+            self._refuse(
+                f"it grazes: the rate of the gap is {before[still].min():.2g}, and below {slowest[still].max():.2g} in "
+                "size no derivative is given",
+                rows[still],
+                impact.t,
+            )
+        unknown = np.setdiff1d(rests, rows[hit])
+        if unknown.size:
+            self._refuse("it comes to rest without an impact", unknown, impact.t)
+
+    def _check_forces(self, impact: LocatedImpact, rests: Array) -> None:
+        """Refuse rows that come to rest at e = 0 without a force: after a bounce nothing would close them again."""
+        flow, closed = self._linear.flow, impact.closed_after
+        free, metric, J, wanted, scale = flow.contact_equations(impact.t, impact.q, impact.after, closed)
+        G = J @ metric.solve_rows(J).T
+        forces = least_percussion(G, wanted - J @ free) * G.diagonal()
+        loose = np.isin(closed, rests) & (forces <= _PRESSED * scale)
+        if loose.any():
+            self._refuse("by e = 0 it has none where no force keeps the contact closed", closed[loose], impact.t)
+
+    def _groups(self, impact: LocatedImpact, J: Array, hit: Array, stays: Array) -> list[Array]:
+        """Return the rows that close, in groups that act as one; refuse groups that are not orthogonal.
+
+        Orthogonal in the kinetic metric, on the velocities that keep the contacts closed that stay so.
+        """
+        if hit.sum() == 1:
+            return [impact.rows[hit]]
+        metric = self._linear.system.metric(impact.q)
+        closing = metric.whiten(np.asfortranarray(J[hit].T))
+        if stays.any():
+            basis, size, _ = np.linalg.svd(metric.whiten(np.asfortranarray(J[stays].T)), full_matrices=False)
+            basis = basis[:, size > _COSINE * size[0]]
+            closing = closing - basis @ (basis.T @ closing)
+        closing = closing / np.linalg.norm(closing, axis=0)
+        cosines, left, groups = closing.T @ closing, list(range(closing.shape[1])), []
+        while left:
+            one = [k for k in left if cosines[left[0], k] > 1.0 - _COSINE]
+            left = [k for k in left if k not in one]
+            between = cosines[np.ix_(one, left)].ravel()
+            if np.abs(between).max(initial=0.0) > _COSINE:
+                self._refuse(
+                    f"{hit.sum()} rows close at once that are not orthogonal in the kinetic metric (cosine "
+                    f"{between[np.abs(between).argmax()]:.3g}): the order of impacts matters, see mbvi.forks",
+                    impact.rows[hit],
+                    impact.t,
+                )
+            groups.append(impact.rows[hit][one])
+        opens = np.setdiff1d(impact.closed_before, np.concatenate([impact.rows[stays], impact.closed_after]))
+        if len(groups) > 1 and opens.size:
+            involved = np.union1d(impact.rows[hit], opens)
+            self._refuse("several close at once, and a closed contact opens", involved, impact.t)
+        for group in groups:
+            if len(group) > 1 and not stays.any():
+                self._check_one(impact, group)
+        return groups
+
+    def _check_one(self, impact: LocatedImpact, group: Array) -> None:
+        """Refuse rows of e = 0 that act as one at this configuration only."""
+        linear = self._linear
+        if linear.rows.restitution[group].any():
+            return
+        gradients, _ = linear.rows_by_q(impact.t, impact.q, impact.before, group)
+        J = linear.rows.gradients(impact.t, impact.q, group)
+        ratio = np.linalg.norm(J, axis=1) / np.linalg.norm(J[0])
+        away = gradients - ratio[:, None, None] * gradients[0]
+        if np.abs(away).max() > _ROUNDING * np.abs(J).max():
+            self._refuse("several close at once, which act as one at this configuration only", group, impact.t)
+
+    def _one_by_one(
+        self, impact: LocatedImpact, groups: list[Array], staying: Array, bears: Array, X: Array, by_e: Array
+    ) -> Array:
+        """Return the variations after the impacts of groups of rows, one group after the other."""
+        linear, t, q, v = self._linear, impact.t, impact.q, impact.before
+        n, closed, bearing = len(v), impact.closed_before, impact.rows[bears]
+        a = linear.flow.acceleration(t, q, v, closed)[:n]
+        for k, group in enumerate(groups):
+            rate = float((linear.rows.gradients(t, q, group[:1]) @ v)[0])
+            rows = np.union1d(np.intersect1d(group, bearing), staying)
+            hit = np.isin(rows, group)
+            law = linear.law(t, q, v, rows, hit, linear.rows.restitution[rows])
+            last = k == len(groups) - 1
+            kept = np.union1d(closed, np.intersect1d(group, impact.closed_after))
+            closed = impact.closed_after if last else kept
+            after = impact.after if last else law.after
+            if last:
+                self._check_velocity(impact, law.after)
+            next_a = linear.flow.acceleration(t, q, after, closed)[:n]
+            # where bounces of an e above 0 would end at once, they change nothing in the end to first order
+            ends = np.isin(group, impact.closed_after).any()
+            of_e = law.by_e @ by_e[linear.rows.number[rows]] * (not ends)
+            shift = -(linear.rows.gradients(t, q, group[:1]) @ X[:n])[0] / rate
+            dq, dv = X[:n] + np.outer(v, shift), X[n:] + np.outer(a, shift)
+            X = np.vstack([
+                dq - np.outer(after, shift),
+                law.by_q @ dq + law.by_v @ dv + of_e - np.outer(next_a, shift),
+            ])  # fmt: skip
+            v, a = after, next_a
+        return X
+
+    def _check_velocity(self, impact: LocatedImpact, after: Array) -> None:
+        """Refuse an impact whose law is not the one that was differentiated."""
+        units = self._linear.units[: len(after)]
+        scale = np.abs(impact.before / units).max() + np.abs(impact.after / units).max()
+        if np.abs((after - impact.after) / units).max() > _ROUNDING * scale:
+            self._refuse("the impact is not that of its rows one by one", impact.rows, impact.t)
+
+
+def _other_orders(groups: list[Array]) -> list[list[Array]]:
+    """Return orders of some groups to compare with the given one: with two neighbours swapped, and the reverse."""
+    orders = [[*groups[:k], groups[k + 1], groups[k], *groups[k + 2 :]] for k in range(len(groups) - 1)]
+    return [*orders, groups[::-1]] if len(groups) > 2 else orders

@@ -1,0 +1,186 @@
+"""The linearised smooth motion dX/dt = A X, and the linearised law of an impact, in the tangent space."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..problem import Problem
+from ..schemes.event_driven.contact_rows import SmoothRows
+from ..schemes.event_driven.runge_kutta import Flow, least_percussion
+from ..system.lengths import velocity_units
+from ..system.mechanisms.articulated import ArticulatedSystem
+from ..system.system import Array, System, located_parts
+from .accelerations import Accelerations
+from .differences import STEP, along
+
+# singular values of a Delassus matrix below this part of the largest count as zero
+_DEPENDENT = 1e-10
+
+
+class LinearLaw(NamedTuple):
+    """The law of an impact on some rows, and its derivatives.
+
+    Attributes
+    ----------
+    after : ndarray, shape (nv,)
+        The velocity after it.
+    by_q, by_v : ndarray, shape (nv, nv)
+        Its derivatives by configuration and velocity before.
+    by_e : ndarray, shape (nv, k)
+        Its derivative by the restitution of each row.
+    """
+
+    after: Array
+    by_q: Array
+    by_v: Array
+    by_e: Array
+
+
+class Linearised:
+    """Derivatives along a motion.
+
+    Variations of q are tangent vectors at q: the varied configuration is `system.integrate(q, dq)`.
+
+    Parameters
+    ----------
+    problem : Problem
+        A problem of its own, whose caches no run uses.
+
+    Attributes
+    ----------
+    units : ndarray, shape (2 nv,)
+        The unit of each variation: lengths of the scene and radians, for velocities per second.
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        self.system = problem.system
+        self.rows = SmoothRows(problem.constraints, problem.t0, problem.q0, problem.length)
+        self.flow = Flow(problem, self.rows)
+        units = velocity_units(self.system, problem.length)
+        self.units = np.tile(units, 2)
+        self._steps = STEP * units
+        self._free = Accelerations(self.system, self._steps)
+        self._turning = _turning(self.system, problem.q0)
+        n = self.system.nv
+        # dq/dt = v, and the rest of A
+        self._empty = np.zeros((2 * n, 2 * n))
+        self._empty[:n, n:] = np.eye(n)
+
+    def matrix(self, t: float, q: Array, v: Array, closed: Array) -> Array:
+        """Return A with the given rows kept closed, shape (2 nv, 2 nv)."""
+        n = len(v)
+        A = self._empty.copy()
+        for own, constants in self._turning:
+            A[own, own] = constants @ v[own]
+        A[n:] = self._held(t, q, v, closed) if closed.size else self._free.jacobian(t, q, v, np.zeros(n))
+        return A
+
+    def _held(self, t: float, q: Array, v: Array, closed: Array) -> Array:
+        """Return the derivative of accelerations with closed contacts by (q, v), shape (nv, 2 nv)."""
+        n = len(v)
+        free, metric, J, wanted, _ = self.flow.contact_equations(t, q, v, closed)
+        W = metric.solve_rows(J)
+        G = J @ W.T
+        forces = least_percussion(G, wanted - J @ free)
+        a = free + forces @ W
+        # derivatives at constant contact forces, then of the forces, which keep J a + (dJ/dt) v zero
+        out = self._free.jacobian(t, q, v, forces @ J)
+        gradients, bias_by_q = self.rows_by_q(t, q, v, closed)
+        pushed = np.einsum("ijk,i->kj", gradients, forces)
+        out[:, :n] += self.system.metric(q).solve_rows(pushed).T
+        opening = J @ out
+        opening[:, :n] += np.einsum("ijk,j->ik", gradients, a) + bias_by_q
+        # (dJ/dt) v is the derivative of the gradients along v, times v
+        opening[:, n:] += gradients @ v + np.einsum("ijk,j->ik", gradients, v)
+        return np.asarray(out - W.T @ np.linalg.lstsq(G, opening, rcond=_DEPENDENT)[0])
+
+    def rows_by_q(self, t: float, q: Array, v: Array, index: Array) -> tuple[Array, Array]:
+        """Return the derivatives by q of the gradients of some rows, shape (k, nv, nv), and of their bias, (k, nv)."""
+
+        def both(dq: Array) -> Array:
+            there = self.system.integrate(q, dq)
+            return np.column_stack([self.rows.gradients(t, there, index), self.rows.bias(t, there, v, index)])
+
+        # reach is zero for velocities that do not move a body of the row
+        moved = (self.rows.reach[index] != 0.0).any(axis=0)
+        found = along(both, np.where(moved, self._steps, 0.0))
+        return found[:, :-1], found[:, -1]
+
+    def law(self, t: float, q: Array, v: Array, rows: Array, hit: Array, e: Array) -> LinearLaw:
+        """Return the law (8) on rows that all bear a percussion, with its derivatives.
+
+        Parameters
+        ----------
+        t, q, v
+            Time [s] and state before.
+        rows : ndarray of int, shape (k,)
+            The rows.
+        hit : ndarray of bool, shape (k,)
+            Whether each closes; the rates of the others become zero.
+        e : ndarray, shape (k,)
+            Their restitution.
+        """
+        factor = np.where(hit, 1.0 + e, 1.0)
+
+        def after(dq: Array) -> Array:
+            there = self.system.integrate(q, dq)
+            J = self.rows.gradients(t, there, rows)
+            W = self.system.metric(there).solve_rows(J)
+            return np.asarray(v - np.linalg.lstsq(J @ W.T, factor * (J @ v), rcond=_DEPENDENT)[0] @ W)
+
+        by_q = along(after, self._steps)
+        J = self.rows.gradients(t, q, rows)
+        W = self.system.metric(q).solve_rows(J)
+        share = W.T @ np.linalg.pinv(J @ W.T, rcond=_DEPENDENT, hermitian=True)
+        rates = J @ v
+        return LinearLaw(
+            v - share @ (factor * rates), by_q, np.eye(len(v)) - share @ (factor[:, None] * J), -share * (hit * rates)
+        )
+
+    def tangents(self, t: float, q: Array, v: Array, closed: Array) -> Array:
+        """Return the projection, shape (2 nv, 2 nv), onto the variations that keep some rows closed and at rest."""
+        n = len(v)
+        if not closed.size:
+            return np.eye(2 * n)
+        J = self.rows.gradients(t, q, closed)
+        W = self.system.metric(q).solve_rows(J)
+        share = W.T @ np.linalg.pinv(J @ W.T, rcond=_DEPENDENT, hermitian=True)
+        onto = np.eye(n) - share @ J
+        gradients, _ = self.rows_by_q(t, q, v, closed)
+        P = np.zeros((2 * n, 2 * n))
+        P[:n, :n] = P[n:, n:] = onto
+        P[n:, :n] = -share @ np.einsum("ijk,j->ik", gradients, v) @ onto
+        return P
+
+
+def _turning(system: System, q: Array) -> list[tuple[slice, Array]]:
+    """Return the velocities whose tangent vectors turn with the motion, and the tensors C of that.
+
+    Along a motion a variation dq of q changes at the rate dv + C v dq. It is minus the commutator of v and dq, which is
+    the part of a chart's rate that is odd in the chart's coordinate: differences over any length give it exactly.
+    """
+    found = []
+    for part in located_parts(system):
+        own, here = part.system, q[part.q : part.q + part.system.nq]
+        for first, width in _groups(own):
+            constants = np.zeros((width, width, width))
+            for k in range(width):
+                for j in range(width):
+                    x, v = np.zeros(own.nv), np.zeros(own.nv)
+                    x[first + k], v[first + j] = 1.0, 1.0
+                    change = own.chart_rate(here, x, v) - own.chart_rate(here, -x, v)
+                    constants[:, k, j] = change[first : first + width]
+            if constants.any():
+                start = part.v + first
+                found.append((slice(start, start + width), constants))
+    return found
+
+
+def _groups(system: System) -> list[tuple[int, int]]:
+    """Return the first velocity and the number of those that turn together: of a joint, of a body, or all."""
+    if isinstance(system, ArticulatedSystem):
+        return [(joint.idx_v, joint.nv) for joint in list(system.model.joints)[1:] if joint.nv > 1]
+    width = system.nv // system.independent_bodies
+    return [(first, width) for first in range(0, system.nv, width)]

@@ -1,0 +1,66 @@
+"""Refuses gaps that pass so near to zero that a small variation would make them close."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..schemes.event_driven.runge_kutta import RungeKuttaStep
+from ..system.system import Array
+from .impacts import Refuse, Saltation
+from .linearised import Linearised
+
+# halvings that find where the rate of a gap is zero
+_HALVINGS = 40
+
+
+class NearMisses:
+    """Looks in each smooth step for a gap whose least value is positive and nearly zero.
+
+    A gap that would close more slowly than `Saltation.slowest` if it were lower by its least value is refused.
+
+    Parameters
+    ----------
+    linear : Linearised
+        The derivatives of the motion.
+    saltation : Saltation
+        Knows which impacts are too slow.
+    refuse : callable
+        refuse(reason, rows, time) raises `SensitivityError`.
+    """
+
+    def __init__(self, linear: Linearised, saltation: Saltation, refuse: Refuse) -> None:
+        self._linear, self._saltation, self._refuse = linear, saltation, refuse
+        # gaps at the end of the last step
+        self._gaps: Array | None = None
+
+    def step(self, step: RungeKuttaStep, closed: Array, held: Array, touching: float) -> None:
+        """Check a step; gaps up to `touching` [m] at its start belong to the event before."""
+        rows, system = self._linear.rows, self._linear.system
+        start = rows.gaps(step.t, step.q0, rows.all) if self._gaps is None else self._gaps
+        self._gaps = rows.gaps(step.t + step.h, step.q, rows.all)
+        with np.errstate(invalid="ignore"):
+            fall = rows.reach @ step.travel
+        # a gap that reaches zero within the step falls by at least the sum of its values at both ends
+        near = np.flatnonzero(~(start + self._gaps > fall) & (start * rows.lever > touching))
+        near = np.setdiff1d(near, np.union1d(closed, held))
+        if not near.size:
+            return
+        first = rows.gradients(step.t, step.q0, near) @ step.v0
+        last = rows.gradients(step.t + step.h, step.q, near) @ step.v
+        for row in near[(first < 0.0) & (last > 0.0)].tolist():
+            one = np.array([row])
+            low, high = 0.0, 1.0
+            for _ in range(_HALVINGS):
+                middle = 0.5 * (low + high)
+                q, v = step.at(system, middle)
+                rate = float((rows.gradients(step.t + middle * step.h, q, one) @ v)[0])
+                low, high = (middle, high) if rate < 0.0 else (low, middle)
+            t = step.t + low * step.h
+            q, v = step.at(system, low)
+            J = rows.gradients(t, q, one)
+            gap = float(rows.gaps(t, q, one)[0])
+            a = self._linear.flow.acceleration(t, q, v, closed)[: len(v)]
+            bend = float((J @ a + rows.bias(t, q, v, one))[0])
+            speed = np.sqrt(2.0 * max(gap, 0.0) * max(bend, 0.0))
+            if speed < float(self._saltation.slowest(one, J, v)[0]):
+                self._refuse(f"it grazes: its gap has the least value {gap:.2g}", one, t)

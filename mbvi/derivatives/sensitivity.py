@@ -1,0 +1,220 @@
+"""`sensitivity`: the derivative of a run with impacts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..arguments import integer, optional, positive, several_names, shown
+from ..errors import InputError, SensitivityError
+from ..problem import Problem, check_kept
+from ..results.trajectory import Trajectory
+from ..run.accuracy import projector_of
+from ..run.event_loop import run_event_driven
+from ..run.given_scheme import checked_scheme
+from ..run.interrupted import run_so_far
+from ..run.simulate import check_problem
+from ..schemes import EventDriven, Scheme
+from ..system.mechanisms.articulated import ArticulatedSystem
+from ..system.system import Array, System, located_parts
+from .check import SensitivityCheck, VariedRuns
+from .variation import Variation
+
+# tolerance of the scheme if none is given
+_TOLERANCE = 1e-9
+# what a run can be differentiated by; the last is followed by the name of a constraint
+_STATE, _RESTITUTION, _OF = "state", "restitution", "restitution of "
+
+
+@dataclass(frozen=True, eq=False)
+class Sensitivity:
+    """The derivative of a run of `EventDriven`.
+
+    The 2 nv rows are variations of the state: of the configuration as tangent vectors at q, of joints and bodies in
+    their own frames [m, rad], then of the velocity [m/s, rad/s], both in the order of `run.v`. Columns are what the run
+    is differentiated by. An entry has the unit of its row over that of its column.
+
+    Attributes
+    ----------
+    run : Trajectory
+        The run, the same as that of `simulate`.
+    matrix : ndarray, shape (2 nv, p)
+        The derivative of the state at the end.
+    matrices : ndarray, shape (n + 1, 2 nv, p)
+        That of the state at each time of `run.t`, which holds an impact twice, before and after it. The first one is
+        the identity, without the variations that would open a contact that is closed at the start.
+    columns : dict of str to slice
+        The columns of each name of `wrt`. Those of "state" are variations as the rows are, those of "restitution" have
+        no unit.
+    """
+
+    run: Trajectory
+    matrix: Array
+    matrices: Array
+    columns: dict[str, slice]
+    _varied: VariedRuns = field(repr=False)
+
+    def check(self, directions: int = 3) -> SensitivityCheck:
+        """Compare the derivative with differences of runs, along random directions.
+
+        Parameters
+        ----------
+        directions : int
+            How many, or p if that is less; each takes five runs or more at tolerance 1e-12.
+
+        Returns
+        -------
+        SensitivityCheck
+            Both, and their relative difference; printed it is a table.
+
+        Raises
+        ------
+        InputError
+            If directions is no whole number above 0.
+        """
+        count = min(integer(directions, "directions", 1), self.matrix.shape[1])
+        return self._varied.compared(self.matrix, count)
+
+
+def sensitivity(
+    problem: Problem,
+    scheme: Scheme | EventDriven | None = None,
+    *,
+    duration: float,
+    wrt: Iterable[str] = ("state",),
+    bodies: Iterable[str] | None = None,
+) -> Sensitivity:
+    """Run a problem and differentiate the run, through its impacts, by the initial state and by restitution.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem to run.
+    scheme : EventDriven, optional
+        By default `EventDriven(tolerance=1e-9)`; the derivative is about as accurate as the tolerance.
+    duration : float
+        Duration [s]; the run may not end at an impact.
+    wrt : sequence of str
+        What to differentiate by. "state": q0 and v0, as tangent vectors, which has 2 nv columns. "restitution": e of
+        all contacts, by the same number that is added to each, which has one column. "restitution of ball | floor":
+        e of that pair alone, by the name that impacts have.
+    bodies : sequence of str, optional
+        The joints and free bodies whose initial q and v are varied, "quadruped/FL_hip_joint" or "ball", as
+        `problem.system.bodies` lists them; by default all.
+
+    Returns
+    -------
+    Sensitivity
+        The run and its derivative, in m, rad and s.
+
+    Raises
+    ------
+    SensitivityError
+        Where the run has no derivative, with time, bodies and reason. Constraints that close at once and are not
+        orthogonal in the kinetic metric; impacts slower than the root of the tolerance, relative to the speed of their
+        bodies or to a length of the scene a second, and gaps that just miss such an impact; impacts that accumulate; a
+        run that starts or ends at an impact. Where mbvi does not know it: another scheme, friction, loops and coupled
+        joints, controls of the whole scene, polyhedra that touch each other.
+    InputError
+        If a name is unknown, or duration is not positive and finite.
+    UnsuitableError, DivergedError, ProjectionError
+        As `simulate`.
+
+    Notes
+    -----
+    Variations follow the linearised motion; at an impact they follow the saltation matrix, at a release the identity.
+    Contacts that are closed stay closed: with some at the start the derivative is that along the variations which keep
+    them closed. Functions of the user, forces and controls of robots, must be smooth functions of (t, q, v).
+    """
+    check_problem(problem)
+    check_kept(problem)
+    duration, names = positive(duration, "duration"), several_names(wrt, "wrt")
+    chosen = _columns(problem.system, optional(several_names, bodies, "bodies"))
+    if not names or len(set(names)) < len(names):
+        raise InputError(f"wrt must hold one name or more, each once; got {shown(list(names))}")
+    X, by_e, columns = _start(problem, names, chosen)
+    scheme = _checked(problem, EventDriven(_TOLERANCE) if scheme is None else checked_scheme(scheme))
+    scheme.check(problem)
+
+    projector, notes = projector_of(problem, scheme, None, None, None)
+    notes += problem.system.notes() + ([] if problem.scene is None else problem.scene.notes(problem))
+    variation = Variation(problem, scheme.tolerance, X, by_e)
+    run = run_event_driven(problem, scheme, duration, 1, projector, notes, None, False, watch=variation)
+    with run_so_far(lambda: run):
+        variation.finish()
+    matrices = np.array(variation.matrices)
+    matrices.setflags(write=False)
+    varied = VariedRuns(problem, duration, matrices[0], by_e, variation.closed_at_start)
+    return Sensitivity(run, matrices[-1], matrices, columns, varied)
+
+
+def _restitution(problem: Problem, name: str) -> Array:
+    """Return how much a name of `wrt` varies the restitution of each constraint, shape (m,)."""
+    constraints = problem.constraints
+    if name == _RESTITUTION:
+        return np.ones(len(constraints))
+    known = [constraints.name(k) for k in range(len(constraints))] if name.startswith(_OF) else []
+    if name.removeprefix(_OF) not in known:
+        raise InputError(
+            f"wrt must hold {shown(_STATE)}, {shown(_RESTITUTION)}, or {shown(_OF)} and the name of a constraint, as "
+            f"impacts have it; got {shown(name)}"
+        )
+    return np.array([float(one == name.removeprefix(_OF)) for one in known])
+
+
+def _start(problem: Problem, names: tuple[str, ...], chosen: Array) -> tuple[Array, Array, dict[str, slice]]:
+    """Return the variations of the state, those of restitution, shape (m, p), and the columns of each name."""
+    n, m = problem.system.nv, len(problem.constraints)
+    of_state, of_e, columns, first = [], [], {}, 0
+    for name in names:
+        if name == _STATE:
+            of_state.append(np.eye(2 * n)[:, np.concatenate([chosen, n + chosen])])
+            of_e.append(np.zeros((m, 2 * len(chosen))))
+        else:
+            of_state.append(np.zeros((2 * n, 1)))
+            of_e.append(_restitution(problem, name)[:, None])
+        columns[name] = slice(first, first + of_e[-1].shape[1])
+        first = columns[name].stop
+    return np.hstack(of_state), np.hstack(of_e), columns
+
+
+def _checked(problem: Problem, scheme: Scheme | EventDriven) -> EventDriven:
+    """Return the scheme; raise `SensitivityError` where mbvi knows no derivative of any run."""
+    system, reason = problem.system, ""
+    if not isinstance(scheme, EventDriven):
+        reason = (
+            f"{scheme!r} takes steps across impacts, and the derivative of such steps is not that of the motion: "
+            "take EventDriven(tolerance)"
+        )
+    elif problem.constraints.frictional or system.has_joint_friction:
+        reason = "there is friction, whose derivatives mbvi does not know yet"
+    elif system.equalities or any(part.system.equalities for part in located_parts(system)):
+        reason = "there are loops or coupled joints, whose derivatives mbvi does not know yet"
+    elif system.observe is not None:
+        reason = "a control of the whole scene may react to contacts, which has no derivative"
+    if reason:
+        raise SensitivityError(reason, problem.t0)
+    assert isinstance(scheme, EventDriven)
+    return scheme
+
+
+def _columns(system: System, names: tuple[str, ...] | None) -> Array:
+    """Return the velocities of some joints and bodies, ascending; all without names."""
+    if names is None:
+        return np.arange(system.nv)
+    known: dict[str, list[int]] = {}
+    for part in located_parts(system):
+        own = part.system
+        for k, name in enumerate(own.bodies[1:]):
+            if isinstance(own, ArticulatedSystem):
+                first, width = own.model.idx_vs[k + 1], own.model.nvs[k + 1]
+            else:
+                width = own.nv // own.independent_bodies
+                first = k * width
+            known[name] = list(range(part.v + first, part.v + first + width))
+    unknown = [name for name in names if name not in known]
+    if unknown or not names:
+        raise InputError(f"bodies must hold names of {', '.join(known) or 'no bodies'}; got {shown(unknown or [])}")
+    return np.array(sorted({k for name in names for k in known[name]}))

@@ -1,0 +1,197 @@
+"""Carries variations along a run of `EventDriven`: over its smooth steps, impacts and releases."""
+
+from __future__ import annotations
+
+from copy import deepcopy
+from typing import NoReturn
+
+import numpy as np
+
+from ..errors import SensitivityError
+from ..problem import Problem
+from ..schemes.event_driven.impact_event import ImpactEvent
+from ..schemes.event_driven.integrator import EventDrivenIntegrator
+from ..schemes.event_driven.motion_state import NO_ROWS
+from ..schemes.event_driven.runge_kutta import RungeKuttaStep
+from ..system.system import Array
+from .impacts import LocatedImpact, Saltation
+from .linearised import Linearised
+from .near_misses import NearMisses
+
+# largest error of one step of the variations, relative to the tolerance and to the largest entry of a column; the least
+# one that the rounding of differences allows; and the most parts into which a step is divided for it
+_LOCAL, _ROUNDING, _MOST_PARTS = 0.3, 1e-10, 64
+# jump of accelerations at a release above which it is refused, relative to the largest one so far
+_JUMP = 1e-6
+
+
+class Variation:
+    """Variations X of the state, shape (2 nv, p), along a run.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem that runs.
+    tolerance : float
+        That of the scheme.
+    X : ndarray, shape (2 nv, p)
+        Variations at the start.
+    by_e : ndarray, shape (m, p)
+        How much each column varies the restitution of each constraint.
+
+    Attributes
+    ----------
+    matrices : list of ndarray, shape (2 nv, p)
+        The variations at each recorded state of the run.
+    closed_at_start : ndarray of int
+        Rows that are closed at the start.
+
+    Notes
+    -----
+    dX/dt = A X along the dense output of the run, by the tableau of order eight that made its steps; a step whose error
+    is too large for X is divided.
+    """
+
+    def __init__(self, problem: Problem, tolerance: float, X: Array, by_e: Array) -> None:
+        # imported here because it is slow to import
+        from scipy.integrate import DOP853
+
+        self._A, self._b, self._c = DOP853.A[:12, :12], DOP853.B, DOP853.C[:12]
+        self._errors = np.array([DOP853.E5[:12], DOP853.E3[:12]])
+        self._linear = Linearised(deepcopy(problem))
+        self._tolerance, self._by_e = max(_LOCAL * tolerance, _ROUNDING), by_e
+        self._saltation = Saltation(self._linear, problem.length, float(np.sqrt(tolerance)), self._refuse)
+        self._misses = NearMisses(self._linear, self._saltation, self._refuse)
+        self._name = problem.constraints.name
+        self._varies_start = bool(X.any())
+        self.matrices, self._X = [X], X
+        self._closed = self._held = self.closed_at_start = NO_ROWS
+        # gaps up to this are at an event [m]
+        self._touching = 0.0
+        # the largest acceleration so far, with and without contact forces
+        self._fastest = 0.0
+        # the state at the end of the last step, and the impact after it whose contacts are not known yet
+        self._end: tuple[float, Array, Array] | None = None
+        self._pending: tuple[ImpactEvent, Array] | None = None
+
+    def __call__(self, part: RungeKuttaStep | ImpactEvent, integrator: EventDrivenIntegrator) -> None:
+        """Follow a smooth step or an impact of the run."""
+        if integrator.fallbacks:
+            self._refuse("contacts whose gradients jump take steps of Paoli here", integrator.event_rows, integrator.t)
+        if isinstance(part, ImpactEvent):
+            self._begin_impact(part, integrator)
+            return
+        self._begin_step(part.t, part.q0, part.v0, integrator)
+        self._step(part)
+        self._touching = 10.0 * integrator.touching
+        self._misses.step(part, self._closed, self._held, self._touching)
+        self._end = part.t + part.h, integrator.q, integrator.v
+        self.matrices.append(self._X)
+
+    def finish(self) -> None:
+        """Refuse an impact at the end of the run, where the velocity is that before or after it."""
+        assert self._end is not None
+        t, q, v = self._end
+        rows = self._linear.rows
+        near = np.flatnonzero(rows.gaps(t, q, rows.all) * rows.lever <= self._touching)
+        near = np.setdiff1d(near, np.union1d(self._closed, self._held))
+        closing = near[rows.gradients(t, q, near) @ v < 0.0]
+        if self._pending is not None or closing.size:
+            closing = closing if self._pending is None else self._pending[1]
+            self._refuse("the run ends at an impact: let it end before or after", closing, t)
+
+    def _refuse(self, reason: str, rows: Array, t: float) -> NoReturn:
+        numbers = np.unique(self._linear.rows.number[rows]).tolist()
+        raise SensitivityError(reason, t, tuple(map(self._name, numbers)))
+
+    def _begin_impact(self, event: ImpactEvent, integrator: EventDrivenIntegrator) -> None:
+        rows = integrator.rows
+        if (~rows.smooth & np.isin(rows.number, event.number)).any():
+            jumping = rows.all[np.isin(rows.number, event.number)]
+            self._refuse("the gradients of polyhedra jump there", jumping, event.t)
+        if self._pending is not None:
+            self._refuse("two impacts at one instant", integrator.event_rows, event.t)
+        if self._end is None and self._varies_start:
+            reason = "the run starts with an impact: by the state it has a derivative on one side only"
+            self._refuse(reason, integrator.event_rows, event.t)
+        self._pending = event, integrator.event_rows
+        # the matrix after it is known once the contacts are that stay closed
+        self.matrices.append(self._X)
+
+    def _begin_step(self, t: float, q: Array, v: Array, integrator: EventDrivenIntegrator) -> None:
+        """Carry the variations over what happened since the last step, of which a new one starts."""
+        closed, held = integrator.closed, integrator.held
+        if self._pending is not None:
+            event, rows = self._pending
+            self._pending = None
+            impact = LocatedImpact(
+                t, q, event.before, v, rows, event.rates[0], self._closed, self._held, closed
+            )  # fmt: skip
+            self._X = self._saltation.carried(impact, self._X, self._by_e)
+            self.matrices[-1] = self._X
+        elif self._end is None:
+            self._start(t, q, v, integrator)
+        elif not np.array_equal(closed, self._closed):
+            self._change(q, v, closed)
+        self._closed, self._held = closed, held
+
+    def _start(self, t: float, q: Array, v: Array, integrator: EventDrivenIntegrator) -> None:
+        """Restrict the variations to those that keep closed what is closed at the start."""
+        touching = np.setdiff1d(integrator.event_rows, integrator.closed)
+        J = self._linear.rows.gradients(t, q, touching)
+        slow = np.abs(J @ v) < self._saltation.slowest(touching, J, v)
+        if slow.any() and self._varies_start:
+            self._refuse("it touches at the start and is about to open", touching[slow], t)
+        self.closed_at_start = integrator.closed
+        self._X = self.matrices[0] = self._linear.tangents(t, q, v, integrator.closed) @ self._X
+
+    def _change(self, q: Array, v: Array, closed: Array) -> None:
+        """Refuse a change of closed contacts at which accelerations jump: at a release they do not."""
+        assert self._end is not None
+        t, n = self._end[0], len(v)
+        new = np.setdiff1d(closed, np.union1d(self._closed, self._held))
+        if new.size:
+            self._refuse("it comes to rest without an impact", new, t)
+        before, after = (self._linear.flow.acceleration(t, q, v, rows)[:n] for rows in (self._closed, closed))
+        if np.abs((after - before) / self._linear.units[:n]).max() > _JUMP * self._fastest:
+            self._refuse("contact forces jump at a release", np.setxor1d(closed, self._closed), t)
+
+    def _step(self, step: RungeKuttaStep) -> None:
+        """Carry the variations over a smooth step, in as many parts as their error needs."""
+        accelerations = step.rates[:, len(step.v) :].reshape(len(step.rates), -1, len(step.v))
+        self._fastest = max(self._fastest, float(np.abs(accelerations / self._linear.units[: len(step.v)]).max()))
+        if not step.h > 0.0:
+            return
+        parts = 1
+        while True:
+            X = self._parts(step, parts)
+            if X is not None or parts >= _MOST_PARTS:
+                break
+            parts *= 2
+        if X is None:
+            self._refuse("the variations change too fast to be integrated", NO_ROWS, step.t)
+        self._X = X
+
+    def _parts(self, step: RungeKuttaStep, parts: int) -> Array | None:
+        """Return the variations after a step that is taken in equal parts; None if the error is too large."""
+        X = self._X / self._linear.units[:, None]
+        units, h = self._linear.units, step.h / parts
+        # in units of the scene, so that no unit of length matters
+        scaling = units / units[:, None]
+        K = np.empty((len(self._c), *X.shape))
+        # the same numbers, one stage a row
+        flat = K.reshape(len(K), -1)
+        for part in range(parts):
+            for i, node in enumerate(self._c):
+                share = (part + node) / parts
+                q, v = step.at(self._linear.system, share) if share > 0.0 else (step.q0, step.v0)
+                stage = X + h * (self._A[i, :i] @ flat[:i]).reshape(X.shape) if i else X
+                K[i] = (scaling * self._linear.matrix(step.t + share * step.h, q, v, self._closed)) @ stage
+            fifth, third = np.abs(h * (self._errors @ flat)).reshape(2, *X.shape).max(axis=1)
+            X = X + h * (self._b @ flat).reshape(X.shape)
+            both = np.sqrt(fifth**2 + 0.01 * third**2)
+            error = fifth * np.divide(fifth, both, out=np.zeros_like(both), where=both != 0.0)
+            # written so that a NaN is refused too
+            if not (error <= self._tolerance * np.maximum(np.abs(X).max(axis=0), 1e-300)).all():
+                return None
+        return X * units[:, None]
