@@ -78,6 +78,10 @@ class Variation:
         """Follow a smooth step or an impact of the run."""
         if integrator.fallbacks:
             self._refuse("contacts whose gradients jump take steps of Paoli here", integrator.event_rows, integrator.t)
+        involved, rows = np.union1d(integrator.closed, integrator.event_rows), integrator.rows
+        pairs = rows.pair[involved[involved >= len(rows.all)]]
+        if pairs.size:
+            self._refuse("polyhedra touch each other", pairs, integrator.t)
         if isinstance(part, ImpactEvent):
             self._begin_impact(part, integrator)
             return
@@ -106,8 +110,8 @@ class Variation:
 
     def _begin_impact(self, event: ImpactEvent, integrator: EventDrivenIntegrator) -> None:
         rows = integrator.rows
-        if (~rows.smooth & np.isin(rows.number, event.number)).any():
-            jumping = rows.all[np.isin(rows.number, event.number)]
+        jumping = np.flatnonzero(~rows.smooth & np.isin(rows.number, event.number))
+        if jumping.size:
             self._refuse("the gradients of polyhedra jump there", jumping, event.t)
         if self._pending is not None:
             self._refuse("two impacts at one instant", integrator.event_rows, event.t)

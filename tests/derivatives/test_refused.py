@@ -123,6 +123,13 @@ def test_polyhedra_that_touch():
     refused(scene.build(), "polyhedra", 2.0)
 
 
+def test_polyhedra_that_rest_on_each_other_from_the_start():
+    scene = mbvi.Scene(restitution=0.5)
+    scene.add_box((1, 1, 1), mass=1.0, position=(0, 0, 0), name="lower", fixed=True)
+    scene.add_box((0.3, 0.3, 0.3), mass=1.0, position=(0, 0, 0.65), name="upper")
+    refused(scene.build(), "polyhedra", 0.1)
+
+
 def test_wrong_names():
     for given in (
         {"wrt": ["mass"]},
