@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from .run.simulator import Simulator
     from .scene import REDUCTIONS, Scene
     from .scene.urdf.shipped import robot
-    from .schemes import Centered, EventDriven, MoreauJean, Paoli, SchatzmanPaoli, StewartTrinkle
+    from .schemes import Adaptive, Centered, EventDriven, MoreauJean, Paoli, SchatzmanPaoli, StewartTrinkle
     from .sweeps import plot_sweep, replay, sweep
     from .system import LagrangianSystem
     from .system.controls import CompiledControl, ConstantTorque, PDControl
@@ -47,6 +47,7 @@ __version__ = "1.0.0rc1"
 
 __all__ = [
     "REDUCTIONS",
+    "Adaptive",
     "Centered",
     "CompiledControl",
     "ConstantTorque",
@@ -119,7 +120,7 @@ _LATER = {
     ".run.simulator": "Simulator",
     ".scene": "REDUCTIONS Scene",
     ".scene.urdf.shipped": "robot",
-    ".schemes": "Centered EventDriven MoreauJean Paoli SchatzmanPaoli StewartTrinkle",
+    ".schemes": "Adaptive Centered EventDriven MoreauJean Paoli SchatzmanPaoli StewartTrinkle",
     ".sweeps": "plot_sweep replay sweep",
     ".system": "LagrangianSystem",
     ".system.controls": "CompiledControl ConstantTorque PDControl",

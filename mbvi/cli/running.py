@@ -21,7 +21,7 @@ from .replay import Shapes, page_name, write_page
 
 if TYPE_CHECKING:
     from ..problem import Problem
-    from ..schemes import EventDriven, Scheme
+    from ..schemes import OwnStepsScheme, Scheme
 
 
 def positive_option(option: typer.CallbackParam, value: float | None) -> float | None:
@@ -41,7 +41,8 @@ StepOption = Annotated[
     ),
 ]
 ToleranceOption = Annotated[
-    float | None, typer.Option(callback=positive_option, help="Error bound of event-driven, instead of a step.")
+    float | None,
+    typer.Option(callback=positive_option, help="Error bound of event-driven and adaptive, instead of a step."),
 ]
 DurationOption = Annotated[float, typer.Option(callback=positive_option, help="Simulated time [s].")]
 SolverOption = Annotated[
@@ -65,7 +66,7 @@ class Request(NamedTuple):
 
     Attributes
     ----------
-    scheme : Scheme, EventDriven or None
+    scheme : Scheme, OwnStepsScheme or None
         None is the default one.
     duration : float
         Simulated time [s].
@@ -81,7 +82,7 @@ class Request(NamedTuple):
         Further arguments of `simulate`.
     """
 
-    scheme: Scheme | EventDriven | None
+    scheme: Scheme | OwnStepsScheme | None
     duration: float
     step: float | None = None
     every: int = 1
@@ -121,15 +122,15 @@ def print_problem(problem: Problem, named_by: str = "problem.report()") -> None:
     print(flush=True)
 
 
-def chosen_scheme(name: SchemeName | None, tolerance: float | None) -> Scheme | EventDriven | None:
+def chosen_scheme(name: SchemeName | None, tolerance: float | None) -> Scheme | OwnStepsScheme | None:
     """Return the scheme of a name, or None; a tolerance alone selects EventDriven."""
     if tolerance is None:
         return None if name is None else name.make()
-    if name not in (None, SchemeName.event_driven):
-        raise InputError(f"--tolerance is an option of event-driven; {name} needs --step")
-    from ..schemes import EventDriven
+    if name not in (None, SchemeName.event_driven, SchemeName.adaptive):
+        raise InputError(f"--tolerance is an option of event-driven and adaptive; {name} needs --step")
+    from ..schemes import Adaptive, EventDriven
 
-    return EventDriven(tolerance)
+    return Adaptive(tolerance) if name is SchemeName.adaptive else EventDriven(tolerance)
 
 
 def run_and_print(problem: Problem, request: Request) -> None:

@@ -32,7 +32,9 @@ def loop_forces(run: RunData, name: str) -> Array:
     if run.problem is None:
         raise InputError("this file holds no problem, whose loops could be asked")
     if run.step <= 0.0:
-        raise InputError("EventDriven takes no steps of one length, whose percussions could be balanced: take Centered")
+        raise InputError(
+            f"{run.scheme} takes no steps of one length, whose percussions could be balanced: take Centered"
+        )
     places = {place.equality.name: place for place in _places(run.problem.system)}
     if printable(name, "name") not in places:
         raise InputError(

@@ -127,10 +127,10 @@ class RunData:
         RunData.__post_init__(self)
 
     def at(self, t: float | Sequence[float] | Array) -> tuple[Array, Array]:
-        """Return q_h(t) and v_h(t): for `Paoli` the approximants of Theorem 3.2, for `EventDriven` its dense output.
+        """Return q_h(t) and v_h(t): for `Paoli` the approximants of Theorem 3.2, for others dense output.
 
-        For a run of `EventDriven` thinned by `every` it is a cubic between the recorded states, which satisfies the
-        tolerance at these only.
+        The dense output of `EventDriven` thinned by `every`, and that of `Adaptive`, is a cubic between the recorded
+        states; thinned, it satisfies the tolerance at these only.
 
         Parameters
         ----------

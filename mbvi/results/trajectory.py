@@ -146,7 +146,8 @@ class Trajectory(Outputs):
         Raises
         ------
         InputError
-            If there is none of that name, the run is one of `EventDriven`, or came from a file without its problem.
+            If there is none of that name, the scheme chose its own steps, or the run came from a file
+            without its problem.
         """
         return loop_forces(self, name)
 
@@ -162,8 +163,8 @@ class Trajectory(Outputs):
         -------
         tuple of Contact
             Those with a percussion in that interval: of one step, or with `every` of several, whose percussions are
-            added up; force is the mean over the interval. Under `EventDriven` it is that of the smooth motion, and
-            percussions of impacts are in `impacts` only.
+            added up; force is the mean over the interval. Under `EventDriven` and `Adaptive` percussions of
+            located impacts are in `impacts` only.
 
         Raises
         ------
@@ -196,8 +197,8 @@ class Trajectory(Outputs):
             Force, and moment about the origin of the world, on the named thing by all its contacts [N, N m]. Without a
             name those on the first part of each pair in contact by the second, with the parts' names as in impacts.
             Row i is the mean over (t_{i-1}, t_i], as for `contacts`. Row 0 is zero; where t_i = t_{i-1}, at impacts of
-            `EventDriven`, row i repeats the row before. Contacts between parts of the named thing cancel. Joint limits
-            and given functions do not count.
+            `EventDriven` and `Adaptive`, row i repeats the row before. Contacts between parts of the named thing
+            cancel. Joint limits and given functions do not count.
 
         Raises
         ------

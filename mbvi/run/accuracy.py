@@ -10,7 +10,7 @@ from ..arguments import optional, positive
 from ..errors import InputError, UnsuitableError
 from ..problem import Problem
 from ..projection import AcceptedDepth, ChosenSolver, Projector, StatedDepth
-from ..schemes import EventDriven, Scheme
+from ..schemes import SchemeBase
 from ..system import located_parts, parts_of
 
 DEFAULT_RESIDUAL, DEFAULT_DEPTH = 1e-6, 1e-3
@@ -22,7 +22,7 @@ _SIZE = 0.1
 
 def projector_of(
     problem: Problem,
-    scheme: Scheme | EventDriven,
+    scheme: SchemeBase,
     residual: SupportsFloat | None,
     depth: SupportsFloat | None,
     solver: ChosenSolver | None,

@@ -8,7 +8,7 @@ from ..arguments import shown
 from ..errors import InputError
 from ..problem import Problem
 from ..projection import Projector
-from ..schemes import EventDriven, Scheme, Step, Timing
+from ..schemes import OwnStepsScheme, Scheme, Step, Timing
 from ..system.system import Array
 
 
@@ -58,7 +58,7 @@ class UserScheme(Scheme):
         return new
 
 
-def checked_scheme(given: object) -> Scheme | EventDriven:
+def checked_scheme(given: object) -> Scheme | OwnStepsScheme:
     """Return the scheme that a user gives, adapted where it is of the user's own class.
 
     Raises
@@ -66,7 +66,7 @@ def checked_scheme(given: object) -> Scheme | EventDriven:
     InputError
         If it is no scheme: a class, or an object without a method `step`.
     """
-    if isinstance(given, Scheme | EventDriven):
+    if isinstance(given, Scheme | OwnStepsScheme):
         return given
     if isinstance(given, type) or not hasattr(given, "step"):
         raise InputError(f"scheme must be an object such as mbvi.Paoli(); got {shown(given)}")

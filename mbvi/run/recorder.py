@@ -13,8 +13,9 @@ from ..problem import Problem
 from ..results.contacts import ContactLog
 from ..results.run_data import Array, Impact, RunRecord
 from ..results.trajectory import Trajectory
-from ..schemes import Scheme, Step, Timing
+from ..schemes import SchemeBase, Step, Timing
 from ..schemes.contact_friction import friction_of
+from ..schemes.event_driven.runge_kutta import DEGREE
 from ..schemes.step import STILL
 from ..system import independent_parts
 from .loop.impact_rows import NO_ROWS, LaterRows, RecentPercussions, friction_of_impact, linked
@@ -179,7 +180,7 @@ class Recorder:
         self.penetration = np.zeros(count)
         self.limit_violation = np.zeros(count)
         self.residual = np.zeros(count)
-        self.dense = None
+        self.dense: list[Array] | None = None
         self.impacts: list[Impact] = []
         self.notes = list(notes)
         self._limits = problem.constraints.limits
@@ -216,7 +217,7 @@ class Recorder:
         self.last = step
         self.recent.add(active.constraint, rates)
 
-    def trajectory(self, scheme: Scheme, h: float, *, complete: bool = True) -> Trajectory:
+    def trajectory(self, scheme: SchemeBase, h: float, *, complete: bool = True) -> Trajectory:
         """Return the run recorded so far."""
         n = self.count
         return Trajectory(
@@ -234,6 +235,7 @@ class Recorder:
                 self.penetration[:n],
                 scheme,
                 self.timing,
+                None if self.dense is None else np.array(self.dense[: n - 1]).reshape(-1, 2, self.v.shape[1], DEGREE),
                 limit_violation=self.limit_violation[:n],
                 contacts=None if self.contacts is None else self.contacts.table(self.problem.constraints.name, n),
             ),

@@ -15,9 +15,10 @@ from ..results.error_estimate import repeatable
 from ..results.files.hdf5 import Writer
 from ..results.trajectory import Trajectory
 from ..scene import Scene
-from ..schemes import EventDriven, Scheme, Step
+from ..schemes import Adaptive, EventDriven, OwnStepsScheme, Scheme, Step
 from ..schemes.step import end_at
 from .accuracy import projector_of, residual_note
+from .adaptive_loop import run_adaptive
 from .control_stability import failures_with_time, gain_notes
 from .default_scheme import default_scheme, time_stepping
 from .event_loop import run_event_driven
@@ -84,15 +85,15 @@ def steps(
     check_kept(problem)
     h = positive(step, "step")
     chosen = time_stepping(problem)[0] if scheme is None else checked_for(problem, scheme)
-    if isinstance(chosen, EventDriven):
-        raise InputError("EventDriven chooses its own steps: run it by simulate")
+    if isinstance(chosen, OwnStepsScheme):
+        raise InputError(f"{chosen.name} chooses its own steps: run it by simulate")
     projector, _ = projector_of(problem, chosen, residual, depth, checked_solver(solver), h)
     return _steps(problem, chosen, h, projector)
 
 
 def simulate(
     problem: Problem,
-    scheme: Scheme | EventDriven | None = None,
+    scheme: Scheme | OwnStepsScheme | None = None,
     *,
     duration: float,
     step: float | None = None,
@@ -110,7 +111,7 @@ def simulate(
     ----------
     problem : Problem
         The problem to run.
-    scheme : Scheme or EventDriven, optional
+    scheme : Scheme, EventDriven or Adaptive, optional
         By default chosen for the problem; the run's first note gives the scheme and the reason.
         `EventDriven(tolerance=1e-6)` for few constraints with continuous gradients. `Centered(project_positions=True)`
         for many constraints, for gradients that jump, under a control or an external force, and wherever a step is
@@ -119,12 +120,12 @@ def simulate(
         Duration [s]; the last step is shortened so that the run ends there. `SchatzmanPaoli` takes whole steps only:
         the last state is interpolated.
     step : float, optional
-        Time step h [s], not for `EventDriven`. By default 1e-3 if a scheme is named, else from the time scales of the
-        scene.
+        Time step h [s], not for `EventDriven` and `Adaptive`. By default 1e-3 if another scheme is named, else from the
+        time scales of the scene.
     every : int
-        One state in `every` steps is recorded, and the last one; impacts are always recorded. `EventDriven` chooses its
-        own steps, and records the states before and after each impact too; `run.at(t)` is then a cubic between recorded
-        states.
+        One state in `every` steps is recorded, and the last one; impacts are always recorded. `EventDriven` and
+        `Adaptive` choose their own steps, and record the states before and after each located impact too; `run.at(t)`
+        is then a cubic between recorded states.
     residual : float, optional
         Relative KKT residual above which a projection raises; by default 1e-6, or that of the default depth.
     depth : float, optional
@@ -185,7 +186,10 @@ def simulate(
     if isinstance(scheme, EventDriven):
         run = run_event_driven(problem, scheme, duration, every, projector, notes, out, progress, record is not None)
         return repeatable(run, again)
-    assert h is not None
+    if isinstance(scheme, Adaptive):
+        run = run_adaptive(problem, scheme, duration, every, projector, notes, out, progress, record is not None)
+        return repeatable(run, again)
+    assert h is not None and isinstance(scheme, Scheme)
     notes += gain_notes(problem, h)
     if duration / h > _MOST_STEPS:
         raise InputError(f"{duration / h:.1g} steps are more than any run can take: shorten it or lengthen the step")
@@ -307,8 +311,8 @@ def steps_from(problem: Problem, scheme: Scheme, h: float, projector: Projector,
 
 
 def _scheme_and_step(
-    problem: Problem, scheme: Scheme | EventDriven | None, h: float | None, duration: float
-) -> tuple[Scheme | EventDriven, float | None, list[str]]:
+    problem: Problem, scheme: Scheme | OwnStepsScheme | None, h: float | None, duration: float
+) -> tuple[Scheme | OwnStepsScheme, float | None, list[str]]:
     """Return the scheme, its step, and a note where the scheme was not named."""
     if scheme is None and h is None:
         scheme, h, reason = default_scheme(problem, duration)
@@ -317,14 +321,14 @@ def _scheme_and_step(
         scheme, words = time_stepping(problem)
         return scheme, h, [f"{words} was chosen: the default at a given step"]
     scheme = checked_for(problem, scheme)
-    if not isinstance(scheme, EventDriven):
+    if isinstance(scheme, Scheme):
         return scheme, _DEFAULT_STEP if h is None else h, []
     if h is not None:
-        raise InputError("EventDriven chooses its own steps: leave out step")
+        raise InputError(f"{scheme.name} chooses its own steps: leave out step")
     return scheme, None, []
 
 
-def checked_for(problem: Problem, given: Scheme | EventDriven) -> Scheme | EventDriven:
+def checked_for(problem: Problem, given: Scheme | OwnStepsScheme) -> Scheme | OwnStepsScheme:
     """Return the scheme that a user gives if it is one and can run the problem."""
     scheme = checked_scheme(given)
     scheme.check(problem)

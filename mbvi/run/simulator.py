@@ -11,7 +11,7 @@ from ..constraints.contact import Contact
 from ..errors import InputError, UnsuitableError
 from ..problem import Problem, check_kept
 from ..scene.connected.switched import attached, released
-from ..schemes import EventDriven, Scheme, Step
+from ..schemes import OwnStepsScheme, Scheme, Step
 from ..schemes.contact_friction import friction_of
 from ..schemes.observer import contacts_of_rows
 from ..system.system import Array
@@ -59,8 +59,8 @@ class Simulator:
         check_problem(problem)
         check_kept(problem)
         chosen = time_stepping(problem)[0] if scheme is None else checked_for(problem, scheme)
-        if isinstance(chosen, EventDriven):
-            raise UnsuitableError("EventDriven chooses its own steps: take a scheme of fixed steps")
+        if isinstance(chosen, OwnStepsScheme):
+            raise UnsuitableError(f"{chosen.name} chooses its own steps: take a scheme of fixed steps")
         h = positive(step, "step")
         self._scheme, self._h, self._first = chosen, h, problem
         self._take(problem)

@@ -45,7 +45,7 @@ class TunnellingGuard:
     """
 
     def __init__(self, problem: Problem, scheme: Scheme, h: float) -> None:
-        self._problem, self._scheme = problem, scheme
+        self._problem, self._scheme, self._h = problem, scheme, h
         self._jump = scheme.timing.jump
         self.observe = observer(problem)
         # the families whose bodies can pass through each other
@@ -112,6 +112,12 @@ class TunnellingGuard:
     def _shortened(self, t: float, state: Step, h: float, projector: Projector) -> Step:
         """Return the state at t + h, where h differs from the length of the other steps."""
         return self._scheme.shortened(self._problem, t, state, h, projector)
+
+    def passed(self, state: Step, new: Step, h: float) -> float:
+        """Return the part of one step of any length h after which a body would pass through another, 1 if none does."""
+        if self._none_passes(h / self._h * np.maximum(np.abs(state.v), np.abs(new.v))):
+            return 1.0
+        return self._part(state, new, h)
 
     def _none_passes(self, v: Array) -> bool:
         """Return whether no pair travels its thickness in a step if no velocity exceeds that in v, shape (nv,)."""

@@ -65,10 +65,7 @@ class Centered(Scheme):
         """Return the state at t + h; see `Scheme`."""
         system, end, half = problem.system, t + h, 0.5 * h
         nearby = NearbyRows(problem, end, linear=self.project_positions)
-        margin = near_margin(problem, self.project_positions, h * v)
-        ahead = nearby.at(system.integrate(q, h * v), margin)
-        if margin > 0.0:
-            ahead = nearby.only(joining(problem, ahead, h * ahead.speeds(v)))
+        ahead = self.rows_ahead(problem, nearby, q, v, h)
         t, middle = t + half, system.integrate(q, half * v)
         # the velocity at which forces are evaluated
         force_velocity = system.force_velocity(t, middle, v, half)
@@ -82,7 +79,7 @@ class Centered(Scheme):
         if self.project_positions and not _bounces(problem, ahead, change):
             # gaps that lead to those of the end, which the position projection takes to be linear
             active, linear = active._replace(gap=ahead.gap - half * active.speeds(v)), True
-        opened = closing_speeds(problem, active, half, half * active.speeds(v)) if margin > 0.0 else None
+        opened = closing_speeds(problem, active, half, half * active.speeds(v)) if self.project_positions else None
         w, rates, residual, slip, active = law(projector, v, motion, active, opened)
         step = Step(end, system.integrate(middle, half * w), w, active, rates, residual, slip)
         if not self.project_positions:
@@ -90,6 +87,14 @@ class Centered(Scheme):
         applied = Applied(t, middle, v, h, motion, opened, ahead if linear else None)
         step = project_positions(problem, applied, step, projector, nearby)
         return with_tangent_velocity(system, step, motion)
+
+    def rows_ahead(self, problem: Problem, nearby: NearbyRows, q: Array, v: Array, h: float) -> Rows:
+        """Return the rows of the law of a step of length h: those that v would close within it, or nearly."""
+        margin = near_margin(problem, self.project_positions, h * v)
+        ahead = nearby.at(problem.system.integrate(q, h * v), margin)
+        if margin > 0.0:
+            ahead = nearby.only(joining(problem, ahead, h * ahead.speeds(v)))
+        return ahead
 
 
 def _bounces(problem: Problem, ahead: Rows, change: Array) -> bool:

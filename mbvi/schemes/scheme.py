@@ -76,6 +76,12 @@ class SchemeBase:
         return hash((type(self), *self.options().items()))
 
 
+class OwnStepsScheme(SchemeBase):
+    """A scheme that chooses the lengths of its steps, and is given a tolerance instead."""
+
+    timing = Timing(own_steps=True)
+
+
 class Scheme(SchemeBase, ABC):
     """A scheme of fixed steps: advances a problem by one step of a given length.
 

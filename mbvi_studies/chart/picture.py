@@ -31,6 +31,7 @@ _STYLES = {
     "Centered, projected": ("C5", "<"),
     "SchatzmanPaoli": ("C4", "v"),
     "EventDriven": ("C3", "*"),
+    "Adaptive": ("crimson", "H"),
     "StewartTrinkle": ("C7", "D"),
     "MuJoCo": ("0.25", "P"),
     "PyBullet": ("C6", "X"),
@@ -96,7 +97,7 @@ def _line(left: Any, right: Any, records: Sequence[Record], *, colored: bool) ->
     right.loglog([r.step for r in records], found, **look)
 
 
-_SCHEMES = ("Paoli", "MoreauJean", "Centered", "SchatzmanPaoli", "EventDriven", "StewartTrinkle")
+_SCHEMES = ("Paoli", "MoreauJean", "Centered", "SchatzmanPaoli", "EventDriven", "Adaptive", "StewartTrinkle")
 
 
 def _style(scheme: str) -> tuple[str, str]:
@@ -110,7 +111,7 @@ def _frame(left: Any, right: Any, records: Sequence[Record]) -> None:
     left.set_ylim(0.4 * found.min(), 2.5 * found.max())
     title = f"{first.problem}, e = {first.e:g}, {first.duration:.3g} s"
     left.set(xlabel="CPU time of a run [s]", ylabel=_LABELS[first.plotted], title=title)
-    right.set(xlabel="step [s] (EventDriven: its mean step)", title="error against step")
+    right.set(xlabel="step [s] (EventDriven, Adaptive: their mean step)", title="error against step")
     right.tick_params(labelleft=True)
     for axes in (left, right):
         axes.grid(True, which="major", color="0.9", zorder=0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from statistics import median
 from time import process_time
@@ -17,7 +17,7 @@ from mbvi.problem import Problem
 from mbvi.results.diagnosis.energies import energies
 from mbvi.results.trajectory import Trajectory
 from mbvi.run.simulate import simulate
-from mbvi.schemes import EventDriven
+from mbvi.schemes import Adaptive, OwnStepsScheme
 
 from .errors import Array, errors, sampled_errors
 from .records import NOT_MEASURED, Record
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 # no step is a dyadic multiple of another
 STEPS = tuple((1e-2 * 10.0 ** -np.linspace(0.03, 1.58, 8)).tolist())
 TOLERANCES = tuple((10.0 ** -np.arange(2.0, 11.0)).tolist())
+ADAPTIVE_TOLERANCES = TOLERANCES[:4]
 REPEATS = 3
 _SAMPLES = 300
 
@@ -118,18 +119,18 @@ class Case:
 
 
 def sweep(
-    case: Case, scheme: Scheme | EventDriven, settings: Sequence[float] | None = None, repeats: int = REPEATS
+    case: Case, scheme: Scheme | OwnStepsScheme, settings: Sequence[float] | None = None, repeats: int = REPEATS
 ) -> tuple[Record, ...]:
-    """Run a scheme at several steps, or `EventDriven` at several tolerances, and time it.
+    """Run a scheme at several steps, or one that chooses its own steps at several tolerances, and time it.
 
     Parameters
     ----------
     case : Case
         The case.
     scheme : Scheme
-        The scheme; the tolerance of an `EventDriven` is ignored.
+        The scheme; its tolerance is ignored.
     settings : sequence of float, optional
-        Steps [s], or tolerances; the case's and `TOLERANCES` by default.
+        Steps [s], or tolerances; the case's, `TOLERANCES` and `ADAPTIVE_TOLERANCES` by default.
     repeats : int
         Runs for each setting; their median time and their largest error count. With a fixed step and an exact solution
         each run starts later by a part of the step, because the phase of an impact within its step scatters errors.
@@ -141,11 +142,12 @@ def sweep(
     """
     compile_all()
     if settings is None:
-        settings = TOLERANCES if isinstance(scheme, EventDriven) else case.steps
+        own = ADAPTIVE_TOLERANCES if isinstance(scheme, Adaptive) else TOLERANCES
+        settings = own if isinstance(scheme, OwnStepsScheme) else case.steps
     # one run before, so that caches are warm
-    if isinstance(scheme, EventDriven):
+    if isinstance(scheme, OwnStepsScheme):
         _timed(case.started(0.0), scheme, case.duration, None)
-        return tuple(_located(case, tolerance, repeats) for tolerance in settings)
+        return tuple(_controlled(case, type(scheme), tolerance, repeats) for tolerance in settings)
     _timed(case.started(0.0), scheme, case.duration, settings[0])
     return tuple(_stepped(case, scheme, h, repeats) for h in settings)
 
@@ -163,10 +165,10 @@ def _stepped(case: Case, scheme: Scheme, h: float, repeats: int) -> Record:
     return record(case, name, _options(scheme), h, NOT_MEASURED, times, found)
 
 
-def _located(case: Case, tolerance: float, repeats: int) -> Record:
+def _controlled(case: Case, made: Callable[[float], OwnStepsScheme], tolerance: float, repeats: int) -> Record:
     times = []
     for _ in range(repeats):
-        cpu, run = _timed(case.started(0.0), EventDriven(tolerance), case.duration, None)
+        cpu, run = _timed(case.started(0.0), made(tolerance), case.duration, None)
         times.append(cpu)
     mean = case.duration / max(len(run.t) - 1, 1)
     setting = "; ".join(run.notes)
@@ -174,7 +176,7 @@ def _located(case: Case, tolerance: float, repeats: int) -> Record:
 
 
 def _timed(
-    problem: Problem, scheme: Scheme | EventDriven, duration: float, step: float | None
+    problem: Problem, scheme: Scheme | OwnStepsScheme, duration: float, step: float | None
 ) -> tuple[float, Trajectory]:
     with warnings.catch_warnings():
         # warnings are in the notes, too

@@ -11,7 +11,7 @@ from functools import lru_cache
 from multiprocessing import get_context
 from typing import Any
 
-from mbvi.schemes import EventDriven, Scheme
+from mbvi.schemes import OwnStepsScheme, Scheme
 
 from .records import Record
 from .sweep import Case, sweep
@@ -55,7 +55,7 @@ def made(make: Callable[[float], Case], e: float) -> Case:
     return make(e)
 
 
-def swept(make: Callable[[float], Case], e: float, scheme: Scheme | EventDriven) -> tuple[Record, ...]:
+def swept(make: Callable[[float], Case], e: float, scheme: Scheme | OwnStepsScheme) -> tuple[Record, ...]:
     """Make a case and sweep a scheme over it; called in a worker process."""
     return sweep(made(make, e), scheme)
 

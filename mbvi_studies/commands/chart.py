@@ -17,7 +17,7 @@ from ..pictures import check_pictures
 from .scene_chart import FRICTION, chart_scenes
 
 if TYPE_CHECKING:
-    from mbvi.schemes import EventDriven, Scheme
+    from mbvi.schemes import OwnStepsScheme, Scheme
 
     from ..chart.records import Record
     from ..chart.sweep import Case
@@ -110,7 +110,7 @@ def chart(
     _print_summary(records, out)
 
 
-def _tasks(problems: list[str], schemes: list[str]) -> list[tuple[str, Scheme | EventDriven]]:
+def _tasks(problems: list[str], schemes: list[str]) -> list[tuple[str, Scheme | OwnStepsScheme]]:
     """Return each problem with each of the schemes, by default all, that is made for it."""
     from ..chart.cases import MANY_CONSTRAINTS
 
@@ -127,7 +127,7 @@ def _checked_name(word: str, known: list[str], what: str) -> str:
     return word
 
 
-def _measured(tasks: list[tuple[str, Scheme | EventDriven]], e: float) -> list[Record]:
+def _measured(tasks: list[tuple[str, Scheme | OwnStepsScheme]], e: float) -> list[Record]:
     from tqdm import tqdm
 
     from ..chart.cases import CASES

@@ -69,6 +69,7 @@ def test_simulate_prints_and_writes(command):
         (("--scheme", "schatzman-paoli"), "SchatzmanPaoli", 1e-3),
         (("--scheme", "event-driven"), "EventDriven", 0.0),
         (("--scheme", "event-driven", "--tolerance", 1e-4), "EventDriven", 0.0),
+        (("--scheme", "adaptive", "--tolerance", 1e-2), "Adaptive", 0.0),
         (("--tolerance", 1e-4), "EventDriven", 0.0),
     ],
 )

@@ -19,7 +19,7 @@ def bytes_of(run):
 
 def short_run(problem, scheme=None, step=None, **_):
     """A few steps, from the start."""
-    if isinstance(scheme, mbvi.EventDriven):
+    if scheme is not None and scheme.timing.own_steps:
         return mbvi.simulate(problem, scheme, duration=0.02, progress=False)
     step = step or 1e-3
     return mbvi.simulate(problem, scheme, step=step, duration=FEW * step, progress=False)

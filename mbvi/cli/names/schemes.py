@@ -6,7 +6,7 @@ from enum import StrEnum
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from ...schemes import EventDriven, Scheme
+    from ...schemes import OwnStepsScheme, Scheme
 
 
 class SchemeName(StrEnum):
@@ -21,6 +21,7 @@ class SchemeName(StrEnum):
     centered_projected = "centered-projected", "Centered", {"project_positions": True}
     schatzman_paoli = "schatzman-paoli", "SchatzmanPaoli"
     event_driven = "event-driven", "EventDriven"
+    adaptive = "adaptive", "Adaptive"
     stewart_trinkle = "stewart-trinkle", "StewartTrinkle"
 
     def __new__(cls, word: str, class_name: str, options: dict[str, Any] | None = None) -> SchemeName:
@@ -29,10 +30,10 @@ class SchemeName(StrEnum):
         name._value_, name.class_name, name.options = word, class_name, options or {}
         return name
 
-    def make(self) -> Scheme | EventDriven:
+    def make(self) -> Scheme | OwnStepsScheme:
         """Return the scheme."""
         # imported here for its weight: a text of help needs none
         from ... import schemes
 
-        made: Scheme | EventDriven = getattr(schemes, self.class_name)(**self.options)
+        made: Scheme | OwnStepsScheme = getattr(schemes, self.class_name)(**self.options)
         return made

@@ -10,7 +10,7 @@ import numpy as np
 from ...arguments import array, function, integer, positive
 from ...errors import InputError, UnsuitableError
 from ...problem import Problem, check_kept
-from ...schemes import EventDriven, Scheme
+from ...schemes import OwnStepsScheme, Scheme
 from ...system.actuators import Actuators
 from ...system.controls import HeldTorque, LoopControl
 from ...system.mechanisms.articulated import ArticulatedSystem, Control
@@ -105,8 +105,8 @@ def rollout(
     if len(q0) != len(v0):
         raise InputError(f"q0 has {len(q0)} states and v0 has {len(v0)}; they must be as many")
     chosen = time_stepping(problem)[0] if scheme is None else checked_for(problem, scheme)
-    if isinstance(chosen, EventDriven):
-        raise UnsuitableError("EventDriven chooses its own steps: take a scheme of fixed steps")
+    if isinstance(chosen, OwnStepsScheme):
+        raise UnsuitableError(f"{chosen.name} chooses its own steps: take a scheme of fixed steps")
     given = _checked(problem, control, ctrl, len(q0), steps)
     acting = problem if given is None else controlled_copy(problem, given)
     # a function of the user may have a memory of its own

@@ -6,11 +6,11 @@ from ...arguments import between
 from ...errors import UnsuitableError
 from ...problem import Problem
 from ...projection import Projector
-from ..scheme import SchemeBase, Timing, refuse_friction
+from ..scheme import OwnStepsScheme, refuse_friction
 from .integrator import EventDrivenIntegrator
 
 
-class EventDriven(SchemeBase):
+class EventDriven(OwnStepsScheme):
     """Integrate the smooth motion with error control, locate impacts, and keep resting contacts closed by their forces.
 
     Parameters
@@ -38,8 +38,6 @@ class EventDriven(SchemeBase):
     follow each other without end, the scheme takes steps of `Paoli` of 1e-4 s, of order one, and the run's notes say
     so. Where steps and events make no progress in time, the run ends with `DivergedError`.
     """
-
-    timing = Timing(own_steps=True)
 
     def __init__(self, tolerance: float = 1e-6) -> None:
         self.tolerance = between(tolerance, "tolerance", 1e-13, 0.1)

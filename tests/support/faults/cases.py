@@ -28,7 +28,7 @@ __all__ = [
 
 SCHEMES = (
     mbvi.Paoli(), mbvi.MoreauJean(), mbvi.Centered(), mbvi.Centered(project_positions=True), mbvi.SchatzmanPaoli(),
-    mbvi.StewartTrinkle(), mbvi.EventDriven(tolerance=1e-5), None,
+    mbvi.StewartTrinkle(), mbvi.EventDriven(tolerance=1e-5), mbvi.Adaptive(), None,
 )  # fmt: skip
 HOPPER = ROBOTS / "hopper/hopper.urdf"
 

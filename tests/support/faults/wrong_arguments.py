@@ -613,6 +613,7 @@ CALLS: dict[str, Call] = {
     "MoreauJean": Call(mbvi.MoreauJean, lambda: {"theta": 0.5, "project_positions": True}),
     "SchatzmanPaoli": Call(mbvi.SchatzmanPaoli, dict),
     "StewartTrinkle": Call(mbvi.StewartTrinkle, dict),
+    "Adaptive": Call(mbvi.Adaptive, lambda: {"tolerance": 1e-3}),
     "EventDriven": Call(mbvi.EventDriven, lambda: {"tolerance": 1e-6}),
     "robot": Call(mbvi.robot, lambda: {"name": "quadruped"}),
     "load": Call(

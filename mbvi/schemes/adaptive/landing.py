@@ -1,0 +1,97 @@
+"""Predicts when a body lands, which is when a row that is open closes, and when a contact stops sliding."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ...constraints import Rows
+from ...constraints.rows import match_contacts
+from ...errors import ProjectionError
+from ...problem import Problem
+from ...projection import Projector
+from ...system.system import Array
+from ..step import law
+from .measure import Measure
+
+# part of a step over which the acceleration is taken
+_SHORT = 1e-3
+# most evaluations of gaps, and parts of the interval at which a landing is looked for
+_MOST, _PARTS = 40, (1.0, 0.5, 0.25)
+
+
+def landing_time(
+    problem: Problem, measure: Measure, t: float, q: Array, v: Array, resting: Rows, h: float, projector: Projector
+) -> float | None:
+    """Return the time until a gap has fallen to half of `measure.gap`, below h [s]; None if none does.
+
+    Prediction with the present acceleration, in which resting contacts bear load.
+    """
+    acceleration = _acceleration(problem, t, q, v, resting, _SHORT * h, projector)
+    system, constraints = problem.system, problem.constraints
+
+    def lowest(x: float) -> float:
+        """Return the lowest gap after x of rows that close, above the one looked for [m]."""
+        place = system.integrate(q, x * (v + 0.5 * x * acceleration))
+        rows = constraints.active(t + x, place, margin)
+        if not len(rows.gap):
+            return np.inf
+        falls = (match_contacts(rows, resting) < 0) & (rows.speeds(v + x * acceleration) < 0.0)
+        return float((constraints.levers(rows.constraint) * rows.gap)[falls].min(initial=np.inf)) - 0.5 * measure.gap
+
+    margin = 2.0 * measure.gap + h * measure.size(v) * problem.length
+    for part in _PARTS:
+        end, above = part * h, lowest(part * h)
+        if above < 0.0:
+            return _root(lowest, end, above, 0.25 * measure.gap)
+    return None
+
+
+def stop_time(
+    problem: Problem, t: float, q: Array, v: Array, resting: Rows, least: float, h: float, projector: Projector
+) -> float | None:
+    """Return the time until a resting contact stops to slide, below h [s]; None if none does.
+
+    Contacts that slide by less than `least` [m/s] are left out.
+    """
+    if resting.tangents is None or not len(resting.gap):
+        return None
+    acceleration = _acceleration(problem, t, q, v, resting, _SHORT * h, projector)
+    slip, still = resting.tangents.slip(v)[:, :2], resting.tangents.slip(np.zeros(len(v)))[:, :2]
+    change = resting.tangents.slip(acceleration)[:, :2] - still
+    falls, square = -(slip * change).sum(axis=1), (change * change).sum(axis=1)
+    some = (falls > 0.0) & ((slip * slip).sum(axis=1) > least * least) & (resting.tangents.friction > 0.0)
+    time = float((falls[some] / square[some]).min(initial=np.inf))
+    return time if time < h else None
+
+
+def _root(lowest: Callable[[float], float], end: float, below: float, enough: float) -> float:
+    """Return a time in (0, end) at which a function that is negative at its end has come within `enough` of zero."""
+    start, above, x = 0.0, np.inf, end
+    for k in range(_MOST):
+        # secants where both ends are known, kept off the ends, and halves
+        secant = above < np.inf and k % 3 < 2
+        x = start + (end - start) * (min(max(above / (above - below), 0.01), 0.99) if secant else 0.5)
+        value = lowest(x)
+        if abs(value) <= enough:
+            break
+        if value < 0.0:
+            end, below = x, value
+        else:
+            start, above = x, value
+    return x
+
+
+def _acceleration(
+    problem: Problem, t: float, q: Array, v: Array, resting: Rows, short: float, projector: Projector
+) -> Array:
+    """Return the mean acceleration over a short time, with the forces of resting contacts, shape (nv,)."""
+    motion = problem.system.free_motion(t, q, v, short)
+    w = motion.free
+    if len(resting.gap):
+        try:
+            w = law(projector, v, motion, resting._replace(restitution=np.zeros(len(resting.gap)))).velocity
+        except ProjectionError:
+            pass
+    return np.asarray((w - v) / short)
