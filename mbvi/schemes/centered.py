@@ -75,7 +75,9 @@ class Centered(Scheme):
             flown = Step(end, system.integrate(middle, half * w), w, ahead, NO_RATES, 0.0)
             return with_tangent_velocity(system, flown, motion)
         change = half * ahead.speeds(v)
-        active, linear = _rows_in_the_middle(problem, t, middle, ahead, change), False
+        # a scheme derived from this one may have changed e
+        active = _rows_in_the_middle(problem, t, middle, ahead, change)._replace(restitution=ahead.restitution)
+        linear = False
         if self.project_positions and not _bounces(problem, ahead, change):
             # gaps that lead to those of the end, which the position projection takes to be linear
             active, linear = active._replace(gap=ahead.gap - half * active.speeds(v)), True

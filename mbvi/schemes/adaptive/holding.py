@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from ...constraints import Rows
 from ...constraints.rows import match_contacts
 from ...problem import Problem
@@ -19,7 +21,7 @@ class HoldingCentered(Centered):
     """`Centered(project_positions=True)`, in whose law contacts at rest take part wherever their bodies would move.
 
     Without them a contact whose body moves along a curve, or whose wall slows down, is open at the end of a long step
-    at the velocity before.
+    at the velocity before. They do not bounce: that a curve comes near within a step is no impact.
 
     Parameters
     ----------
@@ -48,4 +50,7 @@ class HoldingCentered(Centered):
         ahead = nearby.at(problem.system.integrate(q, h * v), far)
         near = problem.constraints.levers(ahead.constraint) * ahead.gap <= problem.tolerance + margin
         joins = near & joining(problem, ahead, h * ahead.speeds(v))
-        return nearby.only(joins | (match_contacts(ahead, self.resting) >= 0))
+        rests = match_contacts(ahead, self.resting) >= 0
+        chosen = joins | rests
+        ahead = nearby.only(chosen)
+        return ahead._replace(restitution=np.where(rests[chosen], 0.0, ahead.restitution))

@@ -25,6 +25,8 @@ from .measure import Measure
 _FIRST, _LONGEST = 1e-3, 0.05
 # how much a step may grow and shrink, what is left of one that is tried again, and the part of the longest good one
 _GROWTH, _SHRINK, _RETRY, _SAFE = 4.0, 0.2, 0.7, 0.85
+# by how much each further step in a row at the shortest length is longer
+_LONGER = 2.0
 # parts of the time to a landing that are tried one after the other, should it come before it was predicted
 _CUTS = 1.0, 0.97, 0.8, 0.5
 # v . v at which a run has diverged
@@ -167,7 +169,7 @@ class AdaptiveIntegrator:
         t, q, v, speed = self.t, self.q, self.v, self._measure.size(self.v)
         self._scheme.resting = near.resting
         wanted, cuts, cut, growth = self._h, 0, False, _GROWTH
-        floor = measure.shortest(speed) * 2.0 ** min(self._short, 60)
+        floor = measure.shortest(speed) * _LONGER ** min(self._short, 60)
         while True:
             h = min(wanted, end - t, _LONGEST)
             if self._hunts and not cuts:
@@ -204,7 +206,8 @@ class AdaptiveIntegrator:
         self._short = max(self._short - 1, 0) if keeps else self._short + 1
         self.counts.steps += 1
         self.t, self.q, self.v = new.t, new.q, new.v
-        grown = h * (self._factor(verdict, growth) if keeps else 1.0)
+        # with the bound of the shortest, so that a run whose error is never small enough ends
+        grown = h * (self._factor(verdict, growth) if keeps else _LONGER)
         # a step that was cut says little of the next
         self._h = max(grown, self._h) if cut else grown
         self._hunts = cut and self._lands_soon
