@@ -9,6 +9,7 @@ import pytest
 import mbvi
 from mbvi import reference
 from mbvi.system.lengths import velocity_units
+from support.four_bar import four_bar
 from support.paths import ROBOTS
 from support.repeated_runs import bytes_of
 
@@ -110,6 +111,23 @@ def test_a_block_stops_where_friction_stops_it():
     np.testing.assert_allclose(run.q[stopped:, 0], case.at(case.duration)[0][0], atol=1e-4)
 
 
+@pytest.mark.parametrize(
+    ("case", "start", "tolerance"),
+    [
+        # a step and its halves agree where slip reverses soon after their start: both have the friction of their ends
+        (partial(reference.ROUGH["block launched up, that comes back"]), 0.09, 1e-4),
+        # and where a contact opens soon after it: both take it to be open from the start on
+        (partial(reference.chaotic_oscillator, 0.0), 0.0, 1e-5),
+    ],
+    ids=["slip reverses", "contact opens"],
+)
+def test_what_a_step_and_its_halves_hide_is_bounded(case, start, tolerance):
+    case = case()
+    problem = case.started(start * case.duration)
+    run = mbvi.simulate(problem, mbvi.Adaptive(tolerance), duration=(1.0 - start) * case.duration)
+    assert errors(case, run, np.minimum(run.t, case.duration)[:-1])[0] <= tolerance
+
+
 def ball(e, **wall):
     scene = mbvi.Scene(restitution=e)
     scene.add_halfspace((0, 0, 1), name="floor", **wall)
@@ -152,6 +170,15 @@ def test_two_robots_with_friction_land_as_at_a_tighter_tolerance():
     assert len(fine.impacts) > 0
     assert np.abs(problem.system.difference(run.q[-1], fine.q[-1])).max() <= 1e-3
     assert sum(steps_of(run)[:2]) < 120
+
+
+def test_a_four_bar_linkage_strikes_as_located_at_order_eight():
+    problem = four_bar(0.5, floor=-0.3).build()
+    exact = mbvi.simulate(problem, mbvi.EventDriven(1e-8), duration=0.8)
+    run = mbvi.simulate(problem, mbvi.Adaptive(1e-2), duration=0.8)
+    assert len(run.impacts) == len(exact.impacts) > 0
+    assert np.abs(problem.system.difference(exact.q[-1], run.q[-1])).max() <= 1e-3
+    assert run.loop_gap().max() < 1e-12
 
 
 def test_a_run_is_repeated_to_the_byte_and_thinned():
