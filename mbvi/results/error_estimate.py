@@ -9,7 +9,7 @@ from typing import TypeVar
 import numpy as np
 
 from ..errors import InputError, UnsuitableError
-from ..schemes import SchemeBase
+from ..schemes import Adaptive, OwnStepsScheme
 from ..system.lengths import velocity_units
 from .diagnosis.diagnose import given_or_computed
 from .run_data import Array, RunData
@@ -17,8 +17,8 @@ from .run_data import Array, RunData
 # The second run takes _FINER steps in the time of _COMMON steps of the first. Were its step a tenth, one impact in ten
 # would end the same step in both runs, and the difference would be zero however large the error is.
 _FINER, _COMMON = 65, 7
-# its tolerance over that of the first: at a tenth both often take the same steps
-_STRICTER, _STRICTEST = 1e-3, 1e-13
+# its tolerance over that of the first: at a tenth both often take the same steps; steps of order 2 are dearer
+_STRICTER, _STRICTER_ADAPTIVE = 1e-3, 1e-2
 
 Run = TypeVar("Run", bound=RunData)
 
@@ -77,7 +77,7 @@ def estimate_error(run: RunData) -> ErrorEstimate:
     if again is None or not run.complete:
         raise InputError("only a complete run of simulate has an error estimate")
     duration = float(run.t[-1] - run.t[0])
-    if scheme.timing.own_steps:
+    if isinstance(scheme, OwnStepsScheme):
         compared, finer = np.arange(len(run.t)), _stricter(scheme)
         other, second = again(problem, finer, duration=duration), repr(finer)
     else:
@@ -103,13 +103,16 @@ def repeatable(run: Run, again: Callable[..., RunData]) -> Run:
     return replace(run, record=replace(run.record, again=again))
 
 
-def _stricter(scheme: SchemeBase) -> SchemeBase:
-    """Return a scheme that chooses its own steps with a stricter tolerance."""
-    tolerance = scheme.options()["tolerance"]
-    stricter = max(_STRICTER * tolerance, _STRICTEST)
-    if stricter > 0.1 * tolerance:
-        raise UnsuitableError(f"no second run is more accurate than {scheme!r}: take a tolerance of 1e-12 or above")
-    return type(scheme)(**{**scheme.options(), "tolerance": stricter})
+def _stricter(scheme: OwnStepsScheme) -> OwnStepsScheme:
+    """Return the scheme with a stricter tolerance."""
+    tolerance, strictest = scheme.tolerance, scheme.strictest
+    stricter = max((_STRICTER_ADAPTIVE if isinstance(scheme, Adaptive) else _STRICTER) * tolerance, strictest)
+    if stricter > 0.11 * tolerance:
+        raise UnsuitableError(
+            f"no second run of {scheme.name} is ten times more accurate than {scheme!r}: take a tolerance of "
+            f"{10 * strictest:.0e} or above"
+        )
+    return type(scheme)(stricter)
 
 
 def _fork(run: RunData) -> tuple[float, str]:

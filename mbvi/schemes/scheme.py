@@ -7,6 +7,7 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Any
 
+from ..arguments import between
 from ..errors import UnsuitableError
 from ..problem import Problem
 from ..projection import Projector
@@ -77,9 +78,19 @@ class SchemeBase:
 
 
 class OwnStepsScheme(SchemeBase):
-    """A scheme that chooses the lengths of its steps, and is given a tolerance instead."""
+    """A scheme that chooses the lengths of its steps, and is given a tolerance instead.
+
+    Attributes
+    ----------
+    strictest : float
+        The least tolerance.
+    """
 
     timing = Timing(own_steps=True)
+    strictest: float
+
+    def __init__(self, tolerance: float) -> None:
+        self.tolerance = between(tolerance, "tolerance", self.strictest, 0.1)
 
 
 class Scheme(SchemeBase, ABC):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from ...arguments import between
 from ...problem import Problem
 from ...projection import Projector
 from ..scheme import OwnStepsScheme
@@ -39,8 +38,10 @@ class Adaptive(OwnStepsScheme):
     steps in a row become longer; the run's notes count them, and say where the tolerance is not kept.
     """
 
+    strictest = 1e-6
+
     def __init__(self, tolerance: float = 1e-3) -> None:
-        self.tolerance = between(tolerance, "tolerance", 1e-6, 0.1)
+        super().__init__(tolerance)
 
     def integrator(self, problem: Problem, projector: Projector, start: Step, passed: Passed) -> AdaptiveIntegrator:
         """Return an integrator at the initial state of a run; see `AdaptiveIntegrator`."""

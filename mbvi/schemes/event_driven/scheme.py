@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from ...arguments import between
 from ...errors import UnsuitableError
 from ...problem import Problem
 from ...projection import Projector
@@ -39,8 +38,10 @@ class EventDriven(OwnStepsScheme):
     so. Where steps and events make no progress in time, the run ends with `DivergedError`.
     """
 
+    strictest = 1e-13
+
     def __init__(self, tolerance: float = 1e-6) -> None:
-        self.tolerance = between(tolerance, "tolerance", 1e-13, 0.1)
+        super().__init__(tolerance)
 
     def check(self, problem: Problem) -> None:
         """Raise `UnsuitableError` if walls move by a prescribed motion, or if there is friction."""
