@@ -16,7 +16,7 @@ from ..run.event_loop import run_event_driven
 from ..run.given_scheme import checked_scheme
 from ..run.interrupted import run_so_far
 from ..run.simulate import check_problem
-from ..schemes import EventDriven, Scheme
+from ..schemes import EventDriven, OwnStepsScheme, Scheme
 from ..system.mechanisms.articulated import ArticulatedSystem
 from ..system.system import Array, System, located_parts
 from .check import SensitivityCheck, VariedRuns
@@ -180,7 +180,7 @@ def _start(problem: Problem, names: tuple[str, ...], chosen: Array) -> tuple[Arr
     return np.hstack(of_state), np.hstack(of_e), columns
 
 
-def _checked(problem: Problem, scheme: Scheme | EventDriven) -> EventDriven:
+def _checked(problem: Problem, scheme: Scheme | OwnStepsScheme) -> EventDriven:
     """Return the scheme; raise `SensitivityError` where mbvi knows no derivative of any run."""
     system, reason = problem.system, ""
     if not isinstance(scheme, EventDriven):

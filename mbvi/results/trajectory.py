@@ -235,8 +235,8 @@ class Trajectory(Outputs):
         """Return the estimated error of the configurations, and until when there is one; simulates the problem again.
 
         A run with fixed steps is compared with one of steps 7/65 as long, at every seventh recorded state; a run of
-        `EventDriven` with one at a thousandth of its tolerance. That is the error of the discretisation, not of the
-        model. It exists until the first fork that `diagnosis()` finds.
+        `EventDriven` with one at a thousandth of its tolerance, of `Adaptive` at a hundredth. That is the error of the
+        discretisation, not of the model. It exists until the first fork that `diagnosis()` finds.
 
         Returns
         -------
@@ -248,7 +248,7 @@ class Trajectory(Outputs):
         InputError
             If the run is not complete, carries no problem, or its file lacks functions that acted.
         UnsuitableError
-            If its tolerance is below 1e-12.
+            If its tolerance is below 1e-12, with `Adaptive` below 1e-5.
         ProjectionError, DivergedError
             As `simulate`, for the second run.
         """
