@@ -43,10 +43,10 @@ def _faces(placed: PlacedShape) -> Array:
     return planes * np.array([1.0, 1.0, 1.0, -1.0])
 
 
-def is_rounded(placed: PlacedShape) -> bool:
-    """Return whether a shape is the convex hull of a few points, swelled by a ball: its normals are continuous."""
-    _, half_axes, radius = placed.shape.support_points()
-    return radius > 0.0 and not half_axes.any()
+def is_ball(placed: PlacedShape) -> bool:
+    """Return whether a shape is a ball."""
+    points, half_axes, radius = placed.shape.support_points()
+    return radius > 0.0 and len(points) == 1 and not half_axes.any()
 
 
 class _Touching(NamedTuple):

@@ -16,7 +16,7 @@ from ...geometry.shapes.shape_table import ShapeTable
 from ...system import System
 from ..family import RowTable
 from ..mechanism.pairs import AS_THEY_ARE, LEFT_TO_PYTHON, MOST_CONTACTS, ROUNDED, PairShapes
-from ..pair_features import FeatureRows, is_polyhedron, is_rounded
+from ..pair_features import FeatureRows, is_ball, is_polyhedron
 from ..rows import Rows
 from .pairs import Array, Contacts, Pairs
 
@@ -124,9 +124,9 @@ class SignedDistances(Pairs):
     def row_table(self, t: float, q: Array) -> RowTable:
         """Return the table of the rows: one for each pair, its least distance."""
         first, second = self._sides.T
-        flat, rounded = np.array([[is_polyhedron(s), is_rounded(s)] for s in self._shapes.placed]).T
-        # the normal of a ball swelled about a polyhedron turns without jumps, whatever it touches of another one
-        smooth = self.smooth | (rounded[first] & (flat | rounded)[second]) | (flat[first] & rounded[second])
+        flat, ball = np.array([[is_polyhedron(s), is_ball(s)] for s in self._shapes.placed]).T
+        # the nearest point of a convex body to the centre of a ball moves without jumps
+        smooth = self.smooth | (ball[first] & (flat | ball)[second]) | (flat[first] & ball[second])
         featured = flat[first] & flat[second] & (not self._planar)
         return RowTable(np.arange(self.size), self.restitution, smooth, self.reach(), self.thickness, featured)
 

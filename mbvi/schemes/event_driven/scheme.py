@@ -33,9 +33,9 @@ class EventDriven(OwnStepsScheme):
     scene's length. Where impacts on several constraints accumulate, single impacts are followed to their limit.
 
     Polyhedra that stay on each other keep the rows of the vertices, faces and edges that touch; a change of these is an
-    event. Where cylinders, ellipsoids or planar polyhedra rest on each other, so that gradients jump, and where events
-    follow each other without end, the scheme takes steps of `Paoli` of 1e-4 s, of order one, and the run's notes say
-    so. Where steps and events make no progress in time, the run ends with `DivergedError`.
+    event. Where cylinders, ellipsoids, capsules or planar polyhedra rest on each other, so that gradients jump, and
+    where events follow each other without end, the scheme takes steps of `Paoli` of 1e-4 s, of order one, and the run's
+    notes say so. Where steps and events make no progress in time, the run ends with `DivergedError`.
     """
 
     strictest = 1e-13
