@@ -12,9 +12,9 @@ from ..errors import InputError, SensitivityError
 from ..problem import Problem, check_kept
 from ..results.trajectory import Trajectory
 from ..run.accuracy import projector_of
-from ..run.event_loop import run_event_driven
 from ..run.given_scheme import checked_scheme
 from ..run.interrupted import run_so_far
+from ..run.own_steps.event_loop import run_event_driven
 from ..run.simulate import check_problem
 from ..schemes import EventDriven, OwnStepsScheme, Scheme
 from ..system.mechanisms.articulated import ArticulatedSystem
@@ -62,7 +62,7 @@ class Sensitivity:
         Parameters
         ----------
         directions : int
-            How many, or p if that is less; each takes five runs or more at tolerance 1e-12.
+            How many, or p if that is less; each takes three runs or more at tolerance 1e-12, and all take one.
 
         Returns
         -------

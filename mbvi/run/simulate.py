@@ -18,13 +18,13 @@ from ..scene import Scene
 from ..schemes import Adaptive, EventDriven, OwnStepsScheme, Scheme, Step
 from ..schemes.step import end_at
 from .accuracy import projector_of, residual_note
-from .adaptive_loop import run_adaptive
 from .control_stability import failures_with_time, gain_notes
 from .default_scheme import default_scheme, time_stepping
-from .event_loop import run_event_driven
 from .given_scheme import checked_scheme
 from .interrupted import run_so_far
 from .loop.compiled_loop import compiled_loop
+from .own_steps.adaptive_loop import run_adaptive
+from .own_steps.event_loop import run_event_driven
 from .progress import Progress
 from .recorder import Recorder
 from .retaken import SolvedSteps

@@ -5,26 +5,21 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from functools import partial
-from time import perf_counter
 
 import numpy as np
 
-from ..problem import Problem
-from ..projection import Projector
-from ..results.contacts import ContactLog
-from ..results.files.hdf5 import Writer
-from ..results.run_data import Array, Impact, RunRecord
-from ..results.trajectory import Trajectory
-from ..schemes import EventDriven
-from ..schemes.event_driven.impact_event import ImpactEvent
-from ..schemes.event_driven.integrator import EventDrivenIntegrator
-from ..schemes.event_driven.reactions import reactions
-from ..schemes.event_driven.runge_kutta import DEGREE, RungeKuttaStep
-from .interrupted import run_so_far
-from .progress import Progress
+from ...problem import Problem
+from ...projection import Projector
+from ...results.contacts import ContactLog
+from ...results.run_data import Array, Impact, RunRecord
+from ...results.trajectory import Trajectory
+from ...schemes import EventDriven
+from ...schemes.event_driven.impact_event import ImpactEvent
+from ...schemes.event_driven.integrator import EventDrivenIntegrator
+from ...schemes.event_driven.reactions import reactions
+from ...schemes.event_driven.runge_kutta import DEGREE, RungeKuttaStep
+from .recorded import recorded
 
-# units of the progress bar
-_TICKS = 1000
 # exponents of the dense output
 _POWERS = np.arange(1, DEGREE + 1)
 
@@ -175,12 +170,9 @@ def run_event_driven(
     # a contact that stays closed is one contact, however far it slides
     problem.constraints.renew()
     record = _EventRecorder(problem, every, notes, ContactLog(np.inf) if contacts else None)
-    with (
-        run_so_far(partial(record.trajectory, scheme, complete=False)),
-        Writer(out, problem, scheme, 0.0, record) as writer,
-        Progress(_TICKS, progress) as bar,
-    ):
-        integrator, next_poll = scheme.integrator(problem, projector), 0.0
+    so_far = partial(record.trajectory, scheme, complete=False)
+    with recorded(problem, scheme, duration, record, so_far, out, progress) as poll:
+        integrator = scheme.integrator(problem, projector)
         for part in integrator.run(duration):
             if isinstance(part, ImpactEvent):
                 record.add_impact(part, integrator)
@@ -188,9 +180,7 @@ def run_event_driven(
                 record.add_step(part, integrator)
             if watch is not None:
                 watch(part, integrator)
-            if perf_counter() >= next_poll:
-                done = _TICKS * (integrator.t - problem.t0) / duration
-                next_poll = min(writer.poll(), bar.poll(max(int(done), 1)))
+            poll(integrator.t)
         record.record_state()
         record.notes += _fallback_notes(integrator.fallbacks)
     return record.trajectory(scheme, complete=True)

@@ -5,27 +5,22 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from functools import partial
-from time import perf_counter
 
 import numpy as np
 
-from ..problem import Problem
-from ..projection import Projector
-from ..results.files.hdf5 import Writer
-from ..results.run_data import Array
-from ..results.trajectory import Trajectory
-from ..schemes import Adaptive, Centered, Step
-from ..schemes.adaptive.integrator import Counts, Stride, Strike
-from ..schemes.event_driven.runge_kutta import DEGREE
-from .accuracy import residual_note
-from .interrupted import run_so_far
-from .progress import Progress
-from .recorder import Recorder
-from .start import initial_step
-from .tunnelling import TunnellingGuard
+from ...problem import Problem
+from ...projection import Projector
+from ...results.run_data import Array
+from ...results.trajectory import Trajectory
+from ...schemes import Adaptive, Centered
+from ...schemes.adaptive.integrator import Counts, Stride, Strike
+from ...schemes.event_driven.runge_kutta import DEGREE
+from ..accuracy import residual_note
+from ..recorder import Recorder
+from ..start import initial_step
+from ..tunnelling import TunnellingGuard
+from .recorded import recorded
 
-# units of the progress bar
-_TICKS = 1000
 # states for which there is room at first
 _ROOM = 64
 # arrays of a recorder that grow
@@ -44,10 +39,6 @@ class _AdaptiveRecorder(Recorder):
         self._every, self._since = every, 0
         self._cubics: list[Array] = []
         self.dense = self._cubics
-
-    def start(self, step: Step) -> None:
-        """Record the initial state."""
-        self.step(step, True)
 
     def add(self, part: Stride | Strike) -> None:
         """Record an accepted step or an impact."""
@@ -121,24 +112,19 @@ def run_adaptive(
     """Run a problem with `Adaptive`; see `simulate`."""
     record = _AdaptiveRecorder(problem, every, notes, contacts)
     state = initial_step(problem, projector)
-    record.start(state)
+    record.step(state, True)
     guard = TunnellingGuard(problem, Centered(project_positions=True), 1.0)
     observe = guard.observe
     if observe is not None and state.percussion.any():
         observe(state, 0.0)
-    with (
-        run_so_far(partial(record.trajectory, scheme, 0.0, complete=False)),
-        Writer(out, problem, scheme, 0.0, record) as writer,
-        Progress(_TICKS, progress) as bar,
-    ):
-        integrator, next_poll = scheme.integrator(problem, projector, state, guard.passed), 0.0
+    so_far = partial(record.trajectory, scheme, 0.0, complete=False)
+    with recorded(problem, scheme, duration, record, so_far, out, progress) as poll:
+        integrator = scheme.integrator(problem, projector, state, guard.passed)
         for part in integrator.run(duration):
             record.add(part)
             if observe is not None and isinstance(part, Stride):
                 observe(part.second, part.second.t - part.first.t)
-            if perf_counter() >= next_poll:
-                done = _TICKS * (integrator.t - problem.t0) / duration
-                next_poll = min(writer.poll(), bar.poll(max(int(done), 1)))
+            poll(integrator.t)
         record.keep()
         record.trim()
         record.t[-1] = problem.t0 + duration

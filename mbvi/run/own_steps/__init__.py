@@ -1,0 +1,1 @@
+"""Runs of the schemes that choose their own steps."""
