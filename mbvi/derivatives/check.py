@@ -112,13 +112,17 @@ class VariedRuns:
 
     def _quotients(self, change: Array, length: float) -> tuple[Array, Array]:
         """Return the difference quotients of order four and of order two."""
-        centre = self._end(0.0 * change)
+        centre = self._centre
         if (2.0 * (self.by_e @ change)[self._rows.number] > self._rows.restitution).any():
             # differences on one side
             one, two, four = (self._from(centre, x * change) for x in (1.0, 2.0, 4.0))
             return (32.0 * one - 12.0 * two + four) / (12.0 * length), (4.0 * one - two) / (2.0 * length)
         one, two = (self._from(centre, x * change) - self._from(centre, -x * change) for x in (1.0, 2.0))
         return (8.0 * one - two) / (12.0 * length), one / (2.0 * length)
+
+    @cached_property
+    def _centre(self) -> tuple[Array, Array]:
+        return self._end(np.zeros(self.start.shape[1]))
 
     @cached_property
     def _rows(self) -> SmoothRows:

@@ -95,13 +95,17 @@ class HingedSystem(ConnectedSystem):
         turned = self.hinges.angles.at(self, q) - self.hinges.rest
         return turned - 2.0 * np.pi * np.ceil(turned / (2.0 * np.pi) - 0.5)
 
-    def torque(self, t: float, q: Array, v: Array) -> Array:
+    def _about_hinges(self, t: float, q: Array, v: Array) -> Array:
+        """Return the force of springs and controls of the hinges, shape (nv,)."""
         hinges, rows = self.hinges, self.hinge_gradients(q)
         about = -hinges.stiffness * self._stretched(q) if hinges.stiffness.any() else np.zeros(len(rows))
         for k, control in enumerate(hinges.controls):
             if control is not None:
                 about[k] += self._controlled(k, control, t, q, rows[k] @ v)
-        return np.asarray(self.inner.torque(t, q, v) + about @ rows)
+        return np.asarray(about @ rows)
+
+    def torque(self, t: float, q: Array, v: Array) -> Array:
+        return self.inner.torque(t, q, v) + self._about_hinges(t, q, v)
 
     def _controlled(self, k: int, control: Control, t: float, q: Array, rate: float) -> float:
         """Return the torque of the control of a hinge."""
@@ -125,7 +129,7 @@ class HingedSystem(ConnectedSystem):
         """Return the force of the hinges, dry friction left out, shape (nv,)."""
         rows = self.hinge_gradients(q)
         damping = (self.hinges.damping * (rows @ v)) @ rows
-        return np.asarray(self.torque(t, q, v) - self.inner.torque(t, q, v) - damping)
+        return self._about_hinges(t, q, v) - np.asarray(damping)
 
     def potential_energy(self, t: float, q: Array) -> float:
         springs = 0.5 * float(self.hinges.stiffness @ self._stretched(q) ** 2)
