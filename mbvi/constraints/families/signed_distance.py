@@ -13,10 +13,11 @@ from ...geometry.narrow.collinear import keep_one_of_each_line
 from ...geometry.narrow.pair_contacts import write_contacts
 from ...geometry.narrow.pair_distances import distances_from_axes
 from ...geometry.shapes.shape_table import ShapeTable
+from ...geometry.shapes.shapes import Sphere
 from ...system import System
 from ..family import RowTable
 from ..mechanism.pairs import AS_THEY_ARE, LEFT_TO_PYTHON, MOST_CONTACTS, ROUNDED, PairShapes
-from ..pair_features import FeatureRows, is_ball, is_polyhedron
+from ..pair_features import FeatureRows, is_polyhedron
 from ..rows import Rows
 from .pairs import Array, Contacts, Pairs
 
@@ -124,7 +125,7 @@ class SignedDistances(Pairs):
     def row_table(self, t: float, q: Array) -> RowTable:
         """Return the table of the rows: one for each pair, its least distance."""
         first, second = self._sides.T
-        flat, ball = np.array([[is_polyhedron(s), is_ball(s)] for s in self._shapes.placed]).T
+        flat, ball = np.array([[is_polyhedron(s), isinstance(s.shape, Sphere)] for s in self._shapes.placed]).T
         # the nearest point of a convex body to the centre of a ball moves without jumps
         smooth = self.smooth | (ball[first] & (flat | ball)[second]) | (flat[first] & ball[second])
         featured = flat[first] & flat[second] & (not self._planar)

@@ -10,9 +10,7 @@ from ...system.system import Array
 from .motion_state import NO_ROWS, MotionState
 from .runge_kutta import RungeKuttaStep
 
-# the distance of a pair is that of its features up to so many times the rounding of gaps
-_SAME = 1.0
-# shares of a step at which features are compared, and how near to the change, in terms of `_SAME`, the search ends
+# shares of a step at which features are compared, and how near to the change, in roundings of gaps, the search ends
 _NODES, _NEAR = (0.5, 1.0), 3.0
 # most evaluations of a search, and the share of a step to which it finds a change
 _MOST, _SHORT = 60, 1e-13
@@ -29,10 +27,10 @@ def first_feature_change(state: MotionState, step: RungeKuttaStep, share: float)
     if not pairs.size:
         return share, NO_ROWS
     rows, features = state.rows, state.closed[state.closed >= len(state.rows.all)]
-    which, allowed = np.searchsorted(pairs, rows.pair[features]), _SAME * rows.rounding[pairs]
+    which, allowed = np.searchsorted(pairs, rows.pair[features]), rows.rounding[pairs]
 
     def excess(x: float) -> Array:
-        """Return by how much distances differ from those of the features, in terms of what is allowed, less 1."""
+        """Return by how much distances differ from those of the features, in roundings of gaps, less 1."""
         t, q = step.t + x * step.h, step.at(state.system, x)[0] if x < 1.0 else step.q
         least = np.full(len(pairs), np.inf)
         np.minimum.at(least, which, rows.gaps(t, q, features))
@@ -78,6 +76,6 @@ def drop_features(state: MotionState, pairs: Array) -> None:
     if own.any():
         features = closed[own]
         apart = rows.gaps(state.t, state.q, pairs)[np.searchsorted(pairs, rows.pair[features])]
-        beside = rows.features_outside(state.q, features) > _SAME * rows.rounding[features]
+        beside = rows.features_outside(state.q, features) > rows.rounding[features]
         own[own] = beside | (rows.gaps(state.t, state.q, features) < apart)
         state.closed = closed[~own]
