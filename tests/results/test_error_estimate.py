@@ -58,6 +58,16 @@ def test_the_estimate_is_within_a_factor_of_ten_of_the_true_error(rng, scheme, r
     assert 0.5 < np.median(ratios) < 2.0
 
 
+@pytest.mark.parametrize("phase", np.linspace(0.02, 0.98, 13))
+def test_an_impact_anywhere_within_its_step_is_noticed(phase):
+    """Late in its step, a run of steps a tenth as long strikes at the same time, and would differ by nothing."""
+    case = reference.corner(0.5)
+    step = case.impacts[0] / (30 + phase)
+    run = mbvi.simulate(case.problem, mbvi.Paoli(), step=step, duration=33 * step)
+    true = np.abs(case.at(run.t[-1])[0] - run.q[-1]).max()
+    assert 0.1 < run.error_estimate().error[-1] * case.problem.length / true < 10.0
+
+
 def test_no_number_after_a_fork():
     """Two balls that touch are struck by a third: the outcome depends on which impact is first."""
     run = simulated(reference.chain(0.5), mbvi.EventDriven(1e-8), None)
