@@ -12,6 +12,7 @@ from mbvi.constraints.families.half_space import points_within
 from mbvi.geometry.broad.separating_axis import SeparatingAxes
 from mbvi.geometry.narrow.spread import FEW_POINTS
 from mbvi.geometry.shapes import triangles
+from mbvi.geometry.shapes.seams import seams_of
 from mbvi.geometry.shapes.shape_table import ShapeTable
 from mbvi.geometry.shapes.shapes import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Hull, PlacedShape, Sphere
 from support.address_arguments import ADDRESS_ARGUMENTS, results_by_address
@@ -890,6 +891,30 @@ def mesh_distances(rng):
     return *tree, centres, np.zeros(len(centres))
 
 
+def seams(rng):
+    """Boxes side by side with corners on a grid, a shape of them, and a point and a normal of one of its faces."""
+    placed = []
+    for k in range(5):
+        edges, low = rng.integers(1, 3, size=3).astype(float), rng.integers(0, 2, size=3).astype(float)
+        placed.append(PlacedShape(f"{k}", Box(tuple(edges)), 0, np.eye(3), low + 0.5 * edges))
+    shape, side, axis = int(rng.integers(5)), rng.choice([-1.0, 1.0]), int(rng.integers(3))
+    share = rng.choice([-0.5, -0.25, 0.5], size=3)
+    share[axis] = 0.5 * side
+    return seams_of(placed), shape, placed[shape].position + share * placed[shape].shape.size, side * np.eye(3)[axis]
+
+
+def is_covered(rng):
+    found, shape, point, normal = seams(rng)
+    return found, shape, 0.0, point, -normal, -1.0
+
+
+def uncovered(rng):
+    found, shape, point, normal = seams(rng)
+    first, second = np.array([shape, -1, shape]), np.array([-1, shape, -1])
+    points, normals = np.array([point, point, point + 0.1]), np.array([normal, -normal, normal])
+    return found, first, second, np.zeros(3), points, normals, np.zeros(3, np.int64)
+
+
 def near_triangles(rng):
     surface, tree, centres = mesh_tree(rng)
     room, reach = int(rng.integers(1, 30)), float(rng.choice([0.3, 1.0, np.inf]))
@@ -1043,6 +1068,10 @@ ARGUMENTS = {
     "whiten_bodies": whiten_bodies,
     "row_lengths": row_lengths,
     "near_triangles": near_triangles,
+    "reach_along": lambda rng: [seams(rng)[k] for k in (0, 1, 3)],
+    "is_hidden_at": seams,
+    "is_covered": is_covered,
+    "uncovered": uncovered,
     "nearest_on_triangle": nearest_on_triangle,
     "mesh_distances": mesh_distances,
     "sort_by_feature": sort_by_feature,

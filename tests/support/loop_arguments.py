@@ -180,6 +180,15 @@ def on_block(e, mu):
     return scene.build()
 
 
+def on_tiles(e, mu):
+    """The same falls onto two boxes side by side."""
+    scene = mbvi.Scene(restitution=e, friction=mu)
+    for k in range(2):
+        scene.add_box((0.2, 0.1, 0.1), position=(0.05, 0.1 * k, 0.33), fixed=True, name=f"block {k}")
+    scene.add_urdf(ROBOTS / "quadruped/quadruped.urdf", position=(0, 0, 0.45), velocity={"FL_calf_joint": -3.0})
+    return scene.build()
+
+
 def struck(e, mu):
     """A quadruped under a PD control lands on four feet, and a ball hits it."""
     scene = mbvi.Scene(restitution=e, friction=mu)
@@ -323,6 +332,7 @@ CALLS = {
     "pair_contacts": [(PAOLI, quadruped, BOUNCY, 27), (DEFAULT, on_block, ROUGH, 90), (CENTERED, quadruped, RIGID, 99)],
     "measured_in_closed_form": [(DEFAULT, quadruped, RIGID, n) for n in (1, 4, 9)],
     "measured_from_axes": [(DEFAULT, on_block, BOUNCY, 0), (PAOLI, on_block, BOUNCY, 1), (PAOLI, on_block, BOUNCY, 2)],
+    "at_a_seam": [(DEFAULT, on_tiles, RIGID, n) for n in (1, 4, 9)],
     "append_contact": [(DEFAULT, quadruped, RIGID, n) for n in (1, 4, 9)],
     "place": [(PAOLI, hopper, BOUNCY, 8), (DEFAULT, quadruped, RIGID, 9), (CENTERED, on_block, RIGID, 20)],
     "weigh": [(PAOLI, hopper, BOUNCY, 8), (DEFAULT, quadruped, RIGID, 9), (CENTERED, on_block, RIGID, 20)],

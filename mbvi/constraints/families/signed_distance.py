@@ -12,6 +12,7 @@ from ...geometry.closed_form.primitive_pairs import NONE, PrimitivePairs
 from ...geometry.narrow.collinear import keep_one_of_each_line
 from ...geometry.narrow.pair_contacts import write_contacts
 from ...geometry.narrow.pair_distances import distances_from_axes
+from ...geometry.shapes.seams import uncovered
 from ...geometry.shapes.shape_table import ShapeTable
 from ...geometry.shapes.shapes import Sphere
 from ...system import System
@@ -77,6 +78,9 @@ class SignedDistances(Pairs):
         self._flat = ~np.logical_or(*table.smooth[sides.T])
         self._line = np.zeros(3) if line is None else np.array(line, dtype=float)
         self._planar = line is not None
+        # of each pair the shapes of the world, -1 for others
+        fixed = np.where(table.frame[sides.T] < 0, sides.T, -1)
+        self._fixed = tuple(fixed) if len(table.seams.neighbour) else None
         self._bounds = np.zeros(self.size)
         # pairs of spheres and capsules have a continuous gradient
         self.smooth: Array = self._closed.smooth
@@ -103,7 +107,7 @@ class SignedDistances(Pairs):
         fields: Any = (
             np.array(axes.bodies, dtype=np.int64), *rooms, unresolved, closed, others, axes.axis,
             self._closed.form, self.smooth, self._flat, self._bound, self._grid.ravel(), mode, self._bounds, *found,
-            *contacts,
+            *contacts, self._shapes.seams,
         )  # fmt: skip
         return axes.tables, PairShapes(*fields)
 
@@ -129,6 +133,10 @@ class SignedDistances(Pairs):
         # the nearest point of a convex body to the centre of a ball moves without jumps
         smooth = self.smooth | (ball[first] & (flat | ball)[second]) | (flat[first] & ball[second])
         featured = flat[first] & flat[second] & (not self._planar)
+        if self._fixed is not None:
+            # rows of a union begin and end where those of its parts do not
+            beside = (np.diff(self._shapes.seams.first_neighbour) > 0)[self._sides].any(axis=1)
+            smooth, featured = smooth & ~beside, featured & ~beside
         return RowTable(np.arange(self.size), self.restitution, smooth, self.reach(), self.thickness, featured)
 
     def feature_rows(self, q: Array, row: int, tolerance: float, features: FeatureRows) -> list[int]:
@@ -156,7 +164,16 @@ class SignedDistances(Pairs):
         if not left.size:
             return None, True
         contacts, any_empty = self._within(self._measure_all(places, left, tolerance, rough=True), tolerance, clearance)
-        return contacts, any_empty or len(left) < len(pairs)
+        return self._of_unions(contacts), any_empty or len(left) < len(pairs)
+
+    def _of_unions(self, contacts: Contacts | None) -> Contacts | None:
+        """Return those of some contacts that the unions of fixed shapes have; see `geometry.shapes.seams`."""
+        if contacts is None or self._fixed is None:
+            return contacts
+        first, second = (side[contacts.pair] for side in self._fixed)
+        kept = np.empty(len(first), np.int64)
+        count = uncovered(self._shapes.seams, first, second, *contacts[1:], kept)
+        return Contacts(*(part[kept[:count]] for part in contacts)) if count else None
 
     def measure(self, q: Array, pairs: Array, tolerance: float) -> Contacts:
         return self._measure_all(self.system.placements(q, self._axes.bodies), pairs, tolerance)

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...compiled import kernel, plain_array
+from ...geometry.shapes.seams import seams_of, uncovered
 from ...geometry.shapes.shapes import Box, Capsule, HalfSpace, PlacedShape
 from ...system import System
 from ...system.free.sparse_rows import dense
@@ -200,6 +201,12 @@ class SphereWalls(ConstraintFamily):
             for a, w in enumerate(walls)
             if isinstance(w, PlacedShape) and w.body
         ]
+        placed = [w for w in walls if isinstance(w, PlacedShape)]
+        seams = seams_of(placed)
+        self._seams = seams if len(seams.neighbour) else None
+        # of each wall its number among those that the world holds, -1 for others
+        solid = np.array([isinstance(w, PlacedShape) for w in walls])
+        self._fixed = np.where(solid & (self._bodies == 0), np.cumsum(solid) - 1, -1)
         self.size = len(self._radii) * len(self._kind)
         self.restitution = np.asarray(group_restitution[group].ravel())
 
@@ -249,6 +256,10 @@ class SphereWalls(ConstraintFamily):
     def contacts(self, t: float, q: Array, tolerance: float) -> Rows | None:
         """Return the rows within the tolerance, or None."""
         number, gap, point, normal = self._near(q, tolerance)
+        if self._seams is not None and number.size:
+            kept, fixed = np.empty(len(number), np.int64), self._fixed[number % len(self._kind)]
+            kept = kept[: uncovered(self._seams, fixed, np.full_like(fixed, -1), gap, point, normal, kept)]
+            number, gap, point, normal = number[kept], gap[kept], point[kept], normal[kept]
         if not number.size:
             return None
         i, a = np.divmod(number, len(self._kind))

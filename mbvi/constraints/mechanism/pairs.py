@@ -11,6 +11,7 @@ from ...geometry.broad.separating_axis import keep_normals, separated
 from ...geometry.closed_form.primitive_pairs import NONE, primitive_contacts
 from ...geometry.narrow.pair_contacts import write_contacts
 from ...geometry.narrow.pair_distances import distances_from_axes
+from ...geometry.shapes.seams import Seams, is_covered
 from ...geometry.shapes.shape_table import Shapes
 from ...system.mechanisms.mechanism import Mechanism
 from ...system.mechanisms.separation import row
@@ -23,7 +24,8 @@ MOST_CONTACTS = 512
 
 @record(
     "i8[::1], f8[:,:,::1], f8[:,:,::1], i8[::1], i8[::1], i8[::1], f8[:,::1], i8[::1], b1[::1], b1[::1],"
-    " f8[::1], f8[::1], i8, f8[::1], f8[::1], f8[:,::1], f8[:,::1], i8[::1], i8[::1], f8[::1], f8[:,::1], f8[:,::1]"
+    " f8[::1], f8[::1], i8, f8[::1], f8[::1], f8[:,::1], f8[:,::1], i8[::1], i8[::1], f8[::1], f8[:,::1], f8[:,::1],"
+    " Seams"
 )
 class PairShapes(NamedTuple):
     """What the kernel needs of pairs beside the fields of `Shapes`, and room.
@@ -54,6 +56,8 @@ class PairShapes(NamedTuple):
         Room for results of `distances_from_axes`.
     owner, gap, point, normals : ndarray, shapes (MOST_CONTACTS,) and (MOST_CONTACTS, 3)
         Room for contacts.
+    seams : Seams
+        Where fixed shapes touch each other.
     """
 
     bodies: Array
@@ -78,6 +82,7 @@ class PairShapes(NamedTuple):
     gap: Array
     point: Array
     normals: Array
+    seams: Seams
 
 
 AS_THEY_ARE, ROUNDED, LEFT_TO_PYTHON = range(3)
@@ -163,6 +168,19 @@ def is_beyond(tables: tuple[Array, ...], pairs: PairShapes, pair: int, distance:
     return distance_of(tables, pairs, pair, distance) > distance
 
 
+@kernel("b1(Shapes, PairShapes, i8)")
+def at_a_seam(shapes: Shapes, pairs: PairShapes, contact: int) -> bool:
+    """Return whether a contact that was measured is none of the union of fixed shapes."""
+    if len(pairs.seams.first_neighbour) == 0:
+        return False
+    pair, gap, point, normal = pairs.owner[contact], pairs.gap[contact], pairs.point[contact], pairs.normals[contact]
+    for side in range(2):
+        shape = shapes.sides[pair, side]
+        if shapes.frame[shape] < 0 and is_covered(pairs.seams, shape, gap, point, normal, 1.0 - 2.0 * side):
+            return True
+    return False
+
+
 @kernel("Tuple((i8, b1))(Mechanism, Tuple(Shapes), PairShapes, PairFamily, f8, RowBuffer)")
 def pair_contacts(
     mechanism: Mechanism, tables: tuple[Array, ...], pairs: PairShapes, family: PairFamily, tolerance: float,
@@ -195,7 +213,7 @@ def pair_contacts(
         return FOUND, True
     if pairs.mode == LEFT_TO_PYTHON:
         return UNRESOLVED, True
-    smooth, closed, others = True, 0, 0
+    shapes, smooth, closed, others = Shapes(*tables), True, 0, 0
     for i in range(left):
         pair = pairs.unresolved[i]
         smooth = smooth and pairs.smooth[pair]
@@ -229,7 +247,7 @@ def pair_contacts(
         a, last = start, total if pairs.form[pair] != NONE else middle
         while a < last and pairs.owner[a] == pair:
             family.clearance[pair] = min(family.clearance[pair], pairs.gap[a])
-            if pairs.gap[a] <= tolerance:
+            if pairs.gap[a] <= tolerance and not at_a_seam(shapes, pairs, a):
                 if rows.size[0] == MOST_ROWS:
                     return TOO_MANY, True
                 append_contact(mechanism, family, pair, pairs.gap[a], pairs.point[a], pairs.normals[a], rows)

@@ -11,6 +11,7 @@ import numpy as np
 from ...arguments import Array
 from ...compiled import record
 from .hull_graph import stack_graphs
+from .seams import Seams, seams_of
 from .shapes import Box, Capsule, Convex, Cylinder, Ellipsoid, Hull, PlacedShape, Sphere, graph_of, length_unit
 
 # kinds of shapes: a capsule without length is a ball
@@ -165,6 +166,11 @@ class ShapeTable:
     def arrays(self) -> tuple[Array, ...]:
         """The first fields of `Shapes`, up to `planes`."""
         return _arrays(self.placed, self._supports, self.frame)
+
+    @cached_property
+    def seams(self) -> Seams:
+        """Where polyhedra of the world touch each other."""
+        return seams_of(self.placed)
 
     @cached_property
     def _balls(self) -> Array:
