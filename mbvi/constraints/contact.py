@@ -30,6 +30,9 @@ class Contact:
         Tangential velocity of that body relative to the other after the step, in the world [m/s]; zero where mu = 0.
     regime : str or None
         "stick" or "slip"; where mu = 0 it is "slip".
+    torque : ndarray, shape (3,), or None
+        Mean torque of torsional and rolling friction during the step on the body that the normal points to, in the
+        world [N m]; not finite in an instantaneous impact with one. None in problems without friction.
     """
 
     name: str
@@ -40,3 +43,4 @@ class Contact:
     tangential: Array | None = None
     slip: Array | None = None
     regime: str | None = None
+    torque: Array | None = None

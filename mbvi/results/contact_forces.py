@@ -131,6 +131,8 @@ def _summed(table: ContactTable, index: Array, sign: Array, durations: Array) ->
     if table.tangential is not None:
         force += sign[:, None] * table.tangential[index]
     wrench = np.concatenate([force, np.cross(table.point[index], force)], axis=1)
+    if table.angular is not None:
+        wrench[:, 3:] += sign[:, None] * table.angular[index]
     interval = np.searchsorted(table.starts, index, side="right") - 1
     for k in range(6):
         total[:, k] = np.bincount(interval, wrench[:, k], minlength=len(durations))

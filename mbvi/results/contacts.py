@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from ..constraints.contact import Contact
 from ..constraints.rows import Rows, match_contacts
-from ..schemes.contact_friction import ContactFriction, regime
+from ..schemes.contact_friction import ContactFriction, with_friction
 
 Array = np.ndarray
 # rows allocated at first
 _ROOM = 64
 # where the columns of friction begin
-_FRICTION = 7, 10, 11
+_FRICTION = 7, 10, 11, 14
 
 
 @dataclass(frozen=True)
@@ -39,6 +39,8 @@ class ContactTable:
         percussions; None in problems without friction.
     sticks : ndarray of bool, shape (k,), or None
         Which rows stick in all steps of the interval.
+    angular : ndarray, shape (k, 3), or None
+        As `ContactFriction`, over the whole interval.
     """
 
     starts: Array
@@ -50,6 +52,7 @@ class ContactTable:
     tangential: Array | None = None
     slip: Array | None = None
     sticks: Array | None = None
+    angular: Array | None = None
 
     def __post_init__(self) -> None:
         for array in (self.starts, self.constraint, *self.columns):
@@ -58,8 +61,8 @@ class ContactTable:
 
     @property
     def columns(self) -> tuple[Array | None, ...]:
-        """The last six attributes."""
-        return self.point, self.normal, self.percussion, self.tangential, self.slip, self.sticks
+        """The last seven attributes."""
+        return self.point, self.normal, self.percussion, self.tangential, self.slip, self.sticks, self.angular
 
     def part(self, first: int, end: int) -> ContactTable:
         """Return the contacts of the intervals that end at some of the states."""
@@ -78,8 +81,8 @@ class ContactTable:
         )
         if self.tangential is None or self.slip is None or self.sticks is None:
             return found
-        more = zip(found, self.tangential[rows], self.slip[rows], self.sticks[rows].tolist(), strict=True)
-        return tuple(replace(c, tangential=p, slip=u, regime=regime(s, c.percussion)) for c, p, u, s in more)
+        friction = ContactFriction(self.tangential, self.slip, self.slip, self.sticks, self.angular)
+        return with_friction(found, friction.take(rows), duration)
 
 
 class ContactLog:
@@ -94,21 +97,24 @@ class ContactLog:
         Points of one constraint farther apart than this are different contacts [m].
     frictional : bool
         Whether the problem has friction.
+    resisting : bool
+        Whether it has torsional or rolling friction.
 
     Attributes
     ----------
     number : ndarray of int, shape (room,)
         Constraint of each row; the first `starts[-1]` are filled.
-    values : ndarray, shape (room, 7), with friction (room, 14)
+    values : ndarray, shape (room, 7), with friction (room, 14) or (room, 17)
         Point, normal and percussion of each row; with friction its velocity, the part of the percussion with which it
-        slips, and the tangential percussion.
+        slips, the tangential percussion, and that of torsional and rolling friction.
     starts : list of int
         As `ContactTable.starts`, of the intervals that have ended.
     """
 
-    def __init__(self, same: float, *, frictional: bool = False) -> None:
+    def __init__(self, same: float, *, frictional: bool = False, resisting: bool = False) -> None:
         self._same, self._frictional = same, frictional
-        self.number, self.values = np.empty(_ROOM, np.int64), np.empty((_ROOM, 14 if frictional else 7))
+        width = 17 if resisting else 14 if frictional else 7
+        self.number, self.values = np.empty(_ROOM, np.int64), np.empty((_ROOM, width))
         self.starts = [0]
         # first rows of the steps of the present interval, and the end of the last one
         self._begins: list[int] = []
@@ -134,8 +140,10 @@ class ContactLog:
             values[:, 7:] = 0.0
             values[:, 10] = 1.0
         if friction is not None:
-            values[:, 7:10], values[:, 11:] = friction.after[index], friction.tangential[index]
+            values[:, 7:10], values[:, 11:14] = friction.after[index], friction.tangential[index]
             values[:, 10] = ~friction.sticks[index]
+            if friction.angular is not None:
+                values[:, 14:] = friction.angular[index]
         self._begins.append(begin)
         self._end = end
 
@@ -157,11 +165,11 @@ class ContactLog:
         known, constraint = np.unique(self.number[rows], return_inverse=True)
         point, normal, percussion, *friction = np.split(self.values[rows].copy(), [3, 6, *_FRICTION], axis=1)
         names = tuple(map(name, known.tolist()))
-        table = ContactTable(starts - starts[0], constraint, names, point, normal, percussion[:, 0])
-        if not self._frictional:
-            return table
-        slip, slides, tangential = friction
-        return replace(table, tangential=tangential, slip=slip, sticks=slides[:, 0] == 0.0)
+        more: tuple[Array | None, ...] = ()
+        if self._frictional:
+            slip, slides, tangential, angular = friction
+            more = tangential, slip, slides[:, 0] == 0.0, angular if angular.shape[1] else None
+        return ContactTable(starts - starts[0], constraint, names, point, normal, percussion[:, 0], *more)
 
     def _merge(self) -> None:
         """Merge the rows of each contact of the present interval into one."""
@@ -203,7 +211,7 @@ class ContactLog:
 
 
 def _moments(values: Array) -> Array:
-    """Return p x, p n and p of rows, then p times their velocity and slipping part, and p_t: these add up."""
+    """Return p x, p n and p of rows, then p times their velocity and slipping part, p_t and torques: these add up."""
     moments = values.copy()
     moments[:, :6] *= values[:, 6:7]
     moments[:, 7:11] *= values[:, 6:7]

@@ -11,7 +11,7 @@ from ..errors import InputError
 from .contact_forces import recorded_contacts
 from .coordinates import coordinates
 from .diagnosis.energies import energies_of_run
-from .files.columns import CONTACT_FRICTION, CONTACTS, IMPACT_FRICTION, IMPACTS, STATES, Column
+from .files.columns import CONTACT_FRICTION, CONTACT_RESISTANCE, CONTACTS, IMPACT_FRICTION, IMPACTS, STATES, Column
 from .files.writing import contact_rows, impact_rows
 from .run_data import Array, RunData
 
@@ -94,7 +94,7 @@ def _impacts(run: RunData) -> tuple[dict[str, Column], dict[str, Any]]:
 
 def _contacts(run: RunData) -> tuple[dict[str, Column], dict[str, Any]]:
     found = recorded_contacts(run)
-    columns, rows = CONTACTS | CONTACT_FRICTION, contact_rows(found, 0)
+    columns, rows = CONTACTS | CONTACT_FRICTION | CONTACT_RESISTANCE, contact_rows(found, 0)
     rows = {name: _array(values, columns[name]) for name, values in rows.items()}
     time = {"time": run.t[rows["interval"]]}
     return columns | {"time": Column("s", "end of the interval")}, time | rows

@@ -171,7 +171,8 @@ class Recorder:
         self, problem: Problem, count: int, timing: Timing, notes: Sequence[str] = (), contacts: bool = False
     ) -> None:
         far = _SAME_POINT * problem.length
-        self.contacts = ContactLog(far, frictional=problem.constraints.frictional) if contacts else None
+        frictional, resisting = problem.constraints.frictional, problem.constraints.resistance is not None
+        self.contacts = ContactLog(far, frictional=frictional, resisting=resisting) if contacts else None
         self.problem = problem
         self.timing = timing
         self.t = np.empty(count)

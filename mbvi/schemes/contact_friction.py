@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+
+from ..constraints.contact import Contact
 
 if TYPE_CHECKING:
     from .step import Step
@@ -26,16 +30,21 @@ class ContactFriction(NamedTuple):
         Tangential velocities of that body relative to the other, in the world [m/s]; zero where mu = 0.
     sticks : ndarray of bool, shape (k,)
         Which rows stick; False where mu = 0 and where there is no percussion.
+    angular : ndarray, shape (k, 3), or None
+        Percussions of torsional and rolling friction on that body, in the world [N m s]; None in problems without.
     """
 
     tangential: Array
     before: Array
     after: Array
     sticks: Array
+    angular: Array | None = None
 
     def take(self, index: Array | slice) -> ContactFriction:
         """Return those of some rows."""
-        return ContactFriction(*(values[index] for values in self))
+        angular = None if self.angular is None else self.angular[index]
+        tangential, before, after, sticks = (values[index] for values in self[:4])
+        return ContactFriction(tangential, before, after, sticks, angular)
 
 
 def friction_of(step: Step) -> ContactFriction | None:
@@ -58,7 +67,22 @@ def friction_of(step: Step) -> ContactFriction | None:
     # multiplied out, because both may be divisions by zero; of dependent contacts some stick at the edge of their cones
     sticks = (edge > 0.0) & (after_slip * edge <= np.maximum(edge - across, _STILL * edge) * speed)
     tangential, _, after, before = (step.slip[..., :2, None] * tangents.axes).sum(axis=2)
-    return ContactFriction(tangential, before, after, sticks)
+    if step.slip.shape[2] == 2:
+        return ContactFriction(tangential, before, after, sticks)
+    # constraints without a normal have no torque
+    normal = np.nan_to_num(step.active.normal)
+    axes = np.concatenate([normal[:, None], tangents.axes], axis=1)
+    return ContactFriction(tangential, before, after, sticks, (step.slip[0, :, 2:, None] * axes).sum(axis=1))
+
+
+def with_friction(contacts: Sequence[Contact], friction: ContactFriction, h: float) -> tuple[Contact, ...]:
+    """Return contacts of a step of the length h [s] with the friction of their rows."""
+    angular = np.zeros_like(friction.tangential) if friction.angular is None else friction.angular
+    # that of an instantaneous percussion is infinite
+    with np.errstate(divide="ignore"):
+        torque = np.divide(angular, h, out=np.zeros_like(angular), where=angular != 0.0)
+    rows = zip(contacts, friction.tangential, friction.after, friction.sticks.tolist(), torque, strict=True)
+    return tuple(replace(c, tangential=p, slip=u, regime=regime(s, c.percussion), torque=m) for c, p, u, s, m in rows)
 
 
 def regime(sticks: bool, percussion: float) -> str:

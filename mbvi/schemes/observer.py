@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..constraints.contact import Contact
-from .contact_friction import ContactFriction, friction_of, regime
+from .contact_friction import ContactFriction, friction_of, with_friction
 
 if TYPE_CHECKING:
     from ..problem import Problem
@@ -70,6 +69,4 @@ def contacts_of_rows(
     found = tuple(Contact(name(k), x, n, p, p / h if h else np.inf) for k, x, n, p in rows if p > 0.0)
     if friction is None:
         return found
-    some = friction.take(percussion > 0.0)
-    more = zip(found, some.tangential, some.after, some.sticks.tolist(), strict=True)
-    return tuple(replace(c, tangential=p, slip=u, regime=regime(s, c.percussion)) for c, p, u, s in more)
+    return with_friction(found, friction.take(percussion > 0.0), h)

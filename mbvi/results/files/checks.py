@@ -109,7 +109,7 @@ def _check_friction(rows: dict[str, Array], table: str, problem: Problem | None)
             raise TrajectoryFileError(f"{table} have friction, or lack it, against their problem")
     if "regime" not in rows:
         return
-    for name in ("tangential", "slip", "slip_before", "slip_after", "e_used"):
+    for name in ("tangential", "slip", "angular", "slip_before", "slip_after", "e_used"):
         if not np.isfinite(rows.get(name, 0.0)).all():
             raise TrajectoryFileError(f"{table}/{name} holds numbers that are not finite")
     words = {word.decode() for word in set(rows["regime"].tolist())}

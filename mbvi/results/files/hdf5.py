@@ -87,8 +87,9 @@ class Writer:
             # the notes tell why the scheme was chosen: also the file of a killed run holds them
             metadata = _metadata(problem, scheme, scheme.name, h, recorder.timing, recorder.notes)
             sizes = _sizes(problem.system.nq, problem.system.nv, recorder.dense)
-            friction = problem.constraints.frictional
-            self._file = RunFile(path, metadata, sizes, contacts=recorder.contacts is not None, friction=friction)
+            friction, resistance = problem.constraints.frictional, problem.constraints.resistance is not None
+            recorded = recorder.contacts is not None
+            self._file = RunFile(path, metadata, sizes, contacts=recorded, friction=friction, resistance=resistance)
             self._next = 0.0
 
     def __enter__(self) -> Writer:
@@ -147,7 +148,9 @@ def save(run: RunData, path: str | os.PathLike[str]) -> None:
     metadata = _metadata(run.problem, record.scheme, run.scheme, run.step, record.timing, run.notes)
     try:
         sizes = _sizes(run.q.shape[1], run.v.shape[1], record.dense)
-        with RunFile(path, metadata, sizes, contacts=record.contacts is not None, friction=_frictional(run)) as file:
+        given, friction = record.contacts is not None, _frictional(run)
+        resistance = record.contacts is not None and record.contacts.angular is not None
+        with RunFile(path, metadata, sizes, contacts=given, friction=friction, resistance=resistance) as file:
             file.append(recorded, run.impacts, record.dense, run.notes, record.contacts)
             if record.dense is not None:
                 recorded["dense"] = record.dense

@@ -24,7 +24,18 @@ from ..contacts import ContactTable
 from ..run_data import Array, Impact, RunRecord
 from ..trajectory import Trajectory
 from .checks import check_contacts, check_impacts, check_problem, check_states
-from .columns import CONTACT_FRICTION, CONTACTS, DENSE, IMPACT_FRICTION, IMPACTS, STATES, Column, Sums, read_column
+from .columns import (
+    CONTACT_FRICTION,
+    CONTACT_RESISTANCE,
+    CONTACTS,
+    DENSE,
+    IMPACT_FRICTION,
+    IMPACTS,
+    STATES,
+    Column,
+    Sums,
+    read_column,
+)
 from .metadata import Metadata, ProblemData, check_digest, read_metadata
 from .verification import opened
 
@@ -35,6 +46,7 @@ _FUNCTIONS = "the problem or its system was given by functions, which a file can
 
 # a column that earlier files do not have, and what is noted of them
 _LIMITS = "limit_violation"
+_NO_TORQUES = "the file was written by an earlier version: contacts have no torques of torsional and rolling friction"
 _TOGETHER = "the file was written by an earlier version: penetration() holds violations of joint limits, too [m or rad]"
 
 
@@ -103,7 +115,9 @@ def _read(path: str) -> tuple[Trajectory, ProblemData | None]:
         dense = read_column(file, "dense", DENSE, sizes) if "dense" in file else None
         contacts = None
         if "contacts" in file:
-            contacts = _table(file["contacts"], CONTACTS, CONTACT_FRICTION)
+            # files of earlier versions have no torques
+            more = {name: column for name, column in CONTACT_RESISTANCE.items() if name in file["contacts"]}
+            contacts = _table(file["contacts"], CONTACTS, CONTACT_FRICTION | more)
         found = Sums()
         for table, columns in (("", states), ("impacts/", impacts), ("contacts/", contacts or {})):
             for name, values in columns.items():
@@ -118,6 +132,9 @@ def _read(path: str) -> tuple[Trajectory, ProblemData | None]:
         states[_LIMITS] = np.zeros(len(states["t"]))
         if problem is None or problem.constraints.limits:
             notes = _noted(notes, _TOGETHER)
+    resists = problem is not None and problem.constraints.resistance is not None
+    if contacts is not None and resists and "angular" not in contacts:
+        notes = _noted(notes, _NO_TORQUES)
     scheme = _scheme(metadata)
     check_states(states, dense, metadata, problem)
     check_impacts(impacts, states["t"], metadata, problem)
@@ -270,4 +287,5 @@ def _contacts(columns: dict[str, Array], states: int) -> ContactTable:
     if "regime" not in columns:
         return table
     sticks = columns["regime"] == b"stick"
-    return replace(table, tangential=columns["tangential"], slip=columns["slip"], sticks=sticks)
+    tangential, slip, angular = columns["tangential"], columns["slip"], columns.get("angular")
+    return replace(table, tangential=tangential, slip=slip, sticks=sticks, angular=angular)

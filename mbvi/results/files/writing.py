@@ -20,6 +20,7 @@ from ...errors import TrajectoryFileError
 from .checked_file import CheckedFile, reason, uninterrupted
 from .columns import (
     CONTACT_FRICTION,
+    CONTACT_RESISTANCE,
     CONTACTS,
     DENSE,
     FRICTION,
@@ -86,6 +87,7 @@ class RunFile:
         *,
         contacts: bool = False,
         friction: bool = False,
+        resistance: bool = False,
     ) -> None:
         self.path = os.fspath(path)
         self._metadata, self._friction = metadata, friction
@@ -101,6 +103,8 @@ class RunFile:
                 metadata.write(self._file)
                 for name, columns in (TABLES | (RECORDED if contacts else {})).items():
                     more = FRICTION.get(name, {}) if friction else {}
+                    if resistance and name == "contacts":
+                        more = more | CONTACT_RESISTANCE
                     self._create(self._file.require_group(name), {**columns, **more}, sizes)
                 if "degree" in sizes:
                     self._create(self._file, {"dense": DENSE}, sizes)
@@ -150,7 +154,8 @@ class RunFile:
                     append_rows(self._file["impacts"], IMPACTS | IMPACT_FRICTION, rows, self._sums)
                 if contacts is not None:
                     rows = contact_rows(contacts.part(start, stop), self.states)
-                    append_rows(self._file["contacts"], CONTACTS | CONTACT_FRICTION, rows, self._sums)
+                    columns = CONTACTS | CONTACT_FRICTION | CONTACT_RESISTANCE
+                    append_rows(self._file["contacts"], columns, rows, self._sums)
                 self.states += stop - start
                 self.impacts += len(now)
                 self._metadata = replace(self._metadata, notes=tuple(notes))
@@ -279,6 +284,8 @@ def contact_rows(table: ContactTable, first: int) -> dict[str, Any]:
     if table.tangential is not None and table.slip is not None and table.sticks is not None:
         regimes = np.array([b"slip", b"stick"])[table.sticks.astype(int)]
         columns |= {"tangential": table.tangential, "slip": table.slip, "regime": regimes}
+    if table.angular is not None:
+        columns["angular"] = table.angular
     return {"interval": interval, "constraint": names, **columns}
 
 

@@ -123,6 +123,6 @@ def friction_of_impact(
     found = friction_of(step)
     if found is None:
         return None, None, None, None, None
-    tangential, before, after, sticks = found.take(chosen)
+    tangential, before, after, sticks, _ = found.take(chosen)
     regimes = map(regime, sticks.tolist(), step.percussion[chosen].tolist())
     return tangential, before, after, tuple(regimes), step.active.restitution[chosen]
