@@ -140,6 +140,10 @@ class AdmissibleSet(Rebuilt):
         self.cache = ClearanceCache(system, self.numbered())
         self._built: _Memory | None = None
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Let copies keep what scenes set after the constructor."""
+        return *super().__reduce__(), {"resistance": self.resistance}
+
     def renew(self) -> None:
         """Go back to what the caches held at the first call, which `Problem` makes when it is built.
 

@@ -28,7 +28,7 @@ class Rebuilt:
         replaced = tuple(new if one is old else one for one in arguments)
         return type(self)(*replaced, **{name: new if one is old else one for name, one in options.items()})
 
-    def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
+    def __reduce__(self) -> tuple[Any, ...]:
         return _build, (type(self), *self._arguments)
 
 
