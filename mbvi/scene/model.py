@@ -101,8 +101,6 @@ class SceneModel:
     def notes(self, problem: Problem) -> list[str]:
         """Return what a run shall note about how the scene was built."""
         notes = []
-        if self.items.robots and self.items.resists_turning:
-            notes.append("with torsional or rolling friction robots are stepped in Python, not in compiled code")
         if self.start is not None and np.array_equal(self.start.q, problem.q0):
             notes.append(self.start.note)
         return notes

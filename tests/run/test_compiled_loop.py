@@ -180,6 +180,21 @@ def test_a_step_that_bounces_or_sticks_is_that_of_the_scheme(scene, mu, scheme):
     assert share_that_agrees(scene(0.5, mu), scheme, 150) > 0.8
 
 
+# mu, and the lengths of torsional and rolling friction
+RESISTING = (0.6, 0.02, 0.005)
+
+
+@each_scheme_of_one
+@pytest.mark.parametrize("scene", [hopper, swaying])
+def test_a_step_with_torsional_and_rolling_friction_is_that_of_the_scheme(scene, scheme):
+    problem, resisted = scene(0.2, RESISTING), 0
+    steps = [*steps_that_agree(problem, scheme, 80, spread=SPREAD)]
+    assert np.mean([step is not None for step in steps]) > 0.8
+    for step in steps:
+        resisted += step is not None and step.slip is not None and bool(step.slip[0, :, 2:].any())
+    assert resisted > 0
+
+
 # with friction percussions of feet that loops connect are not unique, which this comparison does not know
 @pytest.mark.parametrize(
     ("scheme", "mu"), [*((scheme, mu) for scheme in SCHEMES for mu in (0.0, 0.6)), (mbvi.StewartTrinkle(), 0.0)]
@@ -344,6 +359,15 @@ def test_a_step_of_several_bodies_that_have_sunk_is_that_of_the_scheme(scene, mu
     """Rows that join the law of free bodies act where it does, also those of spheres among each other."""
     steps = list(steps_that_agree(scene(0.0, mu), SCHEMES[-1], 150, 1e-6, SPREAD))
     assert np.mean([step is not None for step in steps]) > 0.9
+
+
+@pytest.mark.usefixtures("always")
+@pytest.mark.parametrize("scheme", [mbvi.Paoli(), mbvi.Centered(project_positions=True)], ids=repr)
+@pytest.mark.parametrize(("scene", "e"), [(struck, 0.0), (one_box, 0.5), (small_heap, 0.0)])
+def test_a_step_of_several_bodies_with_rolling_friction_is_that_of_the_scheme(scene, e, scheme):
+    steps = [*steps_that_agree(scene(e, RESISTING), scheme, 120, 1e-6, SPREAD)]
+    assert np.mean([step is not None for step in steps]) > 0.9
+    assert any(step.slip is not None and step.slip[0, :, 2:].any() for step in steps if step is not None)
 
 
 @pytest.mark.slow

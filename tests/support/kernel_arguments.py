@@ -319,6 +319,11 @@ def row(rng):
     return np.array(columns), support[first], support[second], rng.normal(size=4), unit(rng), np.full(system.nv, np.nan)
 
 
+def turning_row(rng):
+    columns, first, second, _, axis, out = row(rng)
+    return columns, first, second, axis, out
+
+
 def separation(rng):
     system, q, _ = moving_robot(rng)
     _, columns, support = system.kinematics(q)
@@ -1118,6 +1123,7 @@ ARGUMENTS = {
     "frictional_tree_law": frictional_tree_law,
     "tangent_rows": tangent_rows,
     "row": row,
+    "turning_row": turning_row,
     "separation": separation,
     "write_bias": bias,
     "consume_clearance": consume_clearance,

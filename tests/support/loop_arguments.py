@@ -297,6 +297,8 @@ def _call(wanted, scheme, scene, material, number):
 
 # e and mu
 RIGID, BOUNCY, ROUGH, MIXED = (0.0, 0.0), (0.5, 0.0), (0.0, 0.6), (0.5, 0.6)
+# with torsional and rolling friction
+RESISTS = (0.0, (0.6, 0.02, 0.005))
 # for each seed the scheme, the scene with its e and mu, and the number of the call
 CALLS = {
     "run_paoli": [(PAOLI, hopper, BOUNCY, 0), (PAOLI, quadruped, RIGID, 0), (PAOLI, hopper, ROUGH, 0)],
@@ -321,6 +323,10 @@ CALLS = {
         for name in (
             "joints_with_friction", "write_wide", "bounded_coulomb", "apply_joint_friction", "factor_mass_again",
         )
+    },
+    **{
+        name: [(PAOLI, hopper, RESISTS, 9), (DEFAULT, swaying, RESISTS, 9), (PILES, swaying, RESISTS, 5)]
+        for name in ("resisting", "write_resistance", "read_resistance", "write_rotations")
     },
     "apply_law_with_joints": [(PAOLI, braked, BOUNCY, 9), (CENTERED, braked, RIGID, 4), (DEFAULT, braked, MIXED, 9)],
     "apply_law": [(PAOLI, hopper, BOUNCY, 2), (DEFAULT, quadruped, ROUGH, 9), (PAOLI, quadruped, ROUGH, 5)],

@@ -15,7 +15,7 @@ from ...geometry.narrow.support_points import Points, lowest, points_below, spre
 from ...geometry.shapes.shape_table import Shapes  # noqa: F401  (a signature names it)
 from ...system.mechanisms.mechanism import Mechanism, place
 from ...system.mechanisms.pinocchio_address import tangent
-from ...system.mechanisms.separation import row
+from ...system.mechanisms.separation import row, turning_row
 from ..cache import IDLE, consume_clearance
 from ..families.candidates import list_candidates
 from ..rows import Array
@@ -144,6 +144,29 @@ def append_tangents(columns: Array, support: Array, family: PairFamily, begin: i
                     rows.axes[a, c, k] = 1.0 if k == c else 0.0
                 for k in range(nv):
                     rows.T[2 * a + c, k] = 0.0
+        if len(rows.R) > 0:
+            pair = rows.number[a] - family.number[0] if rough else -1
+            write_rotations(columns, support, family, pair, rows, a)
+
+
+@kernel("void(f8[:,::1], f8[:,::1], PairFamily, i8, RowBuffer, i8)")
+def write_rotations(columns: Array, support: Array, family: PairFamily, pair: int, rows: RowBuffer, a: int) -> None:
+    """Write the lengths of torsional and rolling friction of row a, and the gradients of what they resist.
+
+    `pair` is its number in the family, -1 where it has no tangents.
+    """
+    resists = False
+    for c in range(2):
+        rows.resistance[a, c] = family.resistance[pair, c] if pair >= 0 and rows.mu[a] > 0.0 else 0.0
+        resists = resists or rows.resistance[a, c] > 0.0
+    for c in range(3):
+        if resists:
+            first, second = support[family.bodies[0, pair]], support[family.bodies[1, pair]]
+            axis = rows.normal[a] if c == 0 else rows.axes[a, c - 1]
+            turning_row(columns, first, second, axis, rows.R[3 * a + c])
+        else:
+            for k in range(rows.R.shape[1]):
+                rows.R[3 * a + c, k] = 0.0
 
 
 @kernel("void(Mechanism, MechanismConstraints, RowBuffer, i8)")
@@ -160,6 +183,8 @@ def write_gradients(mechanism: Mechanism, constraints: MechanismConstraints, row
             if len(rows.T) > 0 and rows.mu[a] > 0.0:
                 for c in range(2):
                     row(mechanism.columns, first, second, rows.point[a], rows.axes[a, c], rows.T[2 * a + c])
+            if len(rows.R) > 0:
+                write_rotations(mechanism.columns, mechanism.support, family, pair, rows, a)
 
 
 @kernel("i8(Mechanism, MechanismConstraints, f8[::1], f8[::1], f8[::1], f8, RowBuffer)")

@@ -34,13 +34,15 @@ def _kind_of(family: ConstraintFamily) -> int | None:
     return None if kind == GIVEN and family.moving else kind
 
 
-def row_buffer(nv: int, frictional: bool) -> RowBuffer:
+def row_buffer(nv: int, frictional: bool, resisting: bool = False) -> RowBuffer:
     """Return room for rows of a mechanism with nv velocities."""
+    turning = MOST_ROWS if resisting else 0
     gap, e, lever, mu = np.zeros((4, MOST_ROWS))
     point, normal = np.zeros((2, MOST_ROWS, 3))
     J, T = np.zeros((MOST_ROWS, nv)), np.zeros((2 * MOST_ROWS if frictional else 0, nv))
     count, number, axes = np.zeros(1, np.int64), np.zeros(MOST_ROWS, np.int64), np.zeros((MOST_ROWS, 2, 3))
-    return RowBuffer(count, number, gap, e, lever, mu, point, normal, J, T, axes)
+    resistance, R = np.zeros((turning, 2)), np.zeros((3 * turning, nv))
+    return RowBuffer(count, number, gap, e, lever, mu, point, normal, J, T, axes, resistance, R)
 
 
 class MechanismState:
@@ -139,13 +141,14 @@ def pairs_of_shapes(constraints: AdmissibleSet) -> ConstraintFamily | None:
 def can_be_compiled(constraints: AdmissibleSet) -> bool:
     """Return whether the loop takes every family: joint limits, at most one each of half-spaces, pairs and spheres.
 
-    Of one mechanism it also takes functions of the user, unless they have a `rate`.
+    Of one mechanism it also takes functions of the user, unless they have a `rate`, or something has torsional or
+    rolling friction.
     """
     cache, kinds = constraints.cache, [_kind_of(family) for family in constraints.families]
     several = [kind for kind in kinds if kind not in (LIMITS, GIVEN)]
     if None in kinds or len(set(several)) < len(several):
         return False
-    if GIVEN in kinds and not constraints.system.single_mechanism:
+    if GIVEN in kinds and (constraints.resistance is not None or not constraints.system.single_mechanism):
         return False
     if any(slot < 0 for slot, kind in zip(cache.slots, kinds, strict=True) if kind not in (BALLS, GIVEN)):
         return False
@@ -163,16 +166,20 @@ def _pair_family(constraints: AdmissibleSet, k: int, candidates: Any) -> PairFam
     n = family.size
     numbers = np.arange(n)
     own = family.restitution_of(numbers)
+    resistance = np.zeros((0, 2))
+    if constraints.resistance is not None:
+        resistance = constraints.resistance.of(start + numbers, constraints.name)
     return PairFamily(
         candidates.reach, candidates.clearance, np.zeros(n, np.int64), np.zeros(2, np.int64), start + numbers,
         np.array(family.bodies_of(numbers), dtype=np.int64).reshape(2, n), np.where(np.isnan(own), e, own),
-        constraints.friction_of(k, numbers),
+        constraints.friction_of(k, numbers), resistance,
     )  # fmt: skip
 
 
 def _no_pairs(nv: int) -> PairFamily:
     no, none = np.zeros(0, np.int64), np.zeros(0)
-    return PairFamily(np.zeros((nv, 0)), none, no, np.zeros(2, np.int64), no, np.zeros((2, 0), np.int64), none, none)
+    bodies, resistance = np.zeros((2, 0), np.int64), np.zeros((0, 2))
+    return PairFamily(np.zeros((nv, 0)), none, no, np.zeros(2, np.int64), no, bodies, none, none, resistance)
 
 
 def _balls(constraints: AdmissibleSet) -> tuple[Balls, PairFamily]:

@@ -15,7 +15,10 @@ LIMITS, HALF_SPACES, PAIRS, BALLS, GIVEN = range(5)
 FOUND, TOO_MANY, UNRESOLVED = range(3)
 
 
-@record("i8[::1], i8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[:,:,::1]")
+@record(
+    "i8[::1], i8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[:,:,::1],"
+    " f8[:,::1], f8[:,::1]"
+)
 class RowBuffer(NamedTuple):
     """Room for rows.
 
@@ -31,6 +34,9 @@ class RowBuffer(NamedTuple):
         Gradients, and those along two tangents; the latter have no rows in problems without friction.
     axes : ndarray, shape (MOST_ROWS, 2, 3)
         The tangents.
+    resistance, R : ndarray, shapes (MOST_ROWS, 2), (3 MOST_ROWS, nv)
+        As `resistance` of `Tangents`, and gradients of the angular velocities about normals and tangents; without rows
+        in problems without torsional and rolling friction.
     """
 
     size: Array
@@ -44,6 +50,8 @@ class RowBuffer(NamedTuple):
     J: Array
     T: Array
     axes: Array
+    resistance: Array
+    R: Array
 
 
 @record("i8[::1], i8[::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], b1[::1], f8[::1]")
@@ -100,7 +108,7 @@ class Limits(NamedTuple):
     begin: Array
 
 
-@record("f8[:,::1], f8[::1], i8[::1], i8[::1], i8[::1], i8[:,::1], f8[::1], f8[::1]")
+@record("f8[:,::1], f8[::1], i8[::1], i8[::1], i8[::1], i8[:,::1], f8[::1], f8[::1], f8[:,::1]")
 class PairFamily(NamedTuple):
     """Pairs of shapes.
 
@@ -116,6 +124,8 @@ class PairFamily(NamedTuple):
         The first and the second body of each pair.
     e, mu : ndarray, shape (n,)
         Restitution and friction.
+    resistance : ndarray, shape (n, 2) or (0, 2)
+        Lengths of torsional and rolling friction [m].
     """
 
     reach: Array
@@ -126,6 +136,7 @@ class PairFamily(NamedTuple):
     bodies: Array
     e: Array
     mu: Array
+    resistance: Array
 
 
 @kernel("void(RowBuffer, i8, RowBuffer)")
@@ -144,4 +155,9 @@ def copy_row(rows: RowBuffer, a: int, others: RowBuffer) -> None:
                 others.axes[m, c, k] = rows.axes[a, c, k]
             for k in range(nv):
                 others.T[2 * m + c, k] = rows.T[2 * a + c, k]
+    if len(rows.R) > 0:
+        others.resistance[m, 0], others.resistance[m, 1] = rows.resistance[a, 0], rows.resistance[a, 1]
+        for c in range(3):
+            for k in range(nv):
+                others.R[3 * m + c, k] = rows.R[3 * a + c, k]
     others.size[0] = m + 1

@@ -29,7 +29,7 @@ from ..recorder import RECENT, Recorder
 from ..tunnelling import TunnellingGuard
 from .callbacks import PythonCallbacks, python_callbacks
 from .impact_rows import LaterRows
-from .loop_record import PLAIN, ROUGH, LoopRecord
+from .loop_record import PLAIN, ROUGH, TURNING, LoopRecord
 from .loop_scope import control_of, is_compiled, is_one_mechanism, loop_of
 from .step_loop import FULL, Loop
 
@@ -234,9 +234,11 @@ def step_of_rows(number: Array, rows: Array, t: float, none: Array) -> Step:
     `none` is a Jacobian without rows.
     """
     tangents = slip = None
-    if rows.shape[1] == ROUGH:
+    if rows.shape[1] >= ROUGH:
         tangents = Tangents(rows[:, 12], rows[:, 13:19].reshape(-1, 2, 3), none, None)
-        slip = rows[:, 19:].reshape(-1, 4, 2).transpose(1, 0, 2)
+        slip = rows[:, 19:27].reshape(-1, 4, 2).transpose(1, 0, 2)
+        if rows.shape[1] == TURNING:
+            slip = np.concatenate([slip, rows[:, 27:].reshape(-1, 4, 3).transpose(1, 0, 2)], axis=2)
     active = Rows(
         number, rows[:, 0], none, rows[:, 1].copy(), np.ascontiguousarray(rows[:, 2:5]), rows[:, 5:8],
         None, tangents,
@@ -250,7 +252,7 @@ def mechanism_step(
 ) -> MechanismStep:  # fmt: skip
     """Return what steps a problem that the loop takes, with room for one step."""
     system, constraints = problem.system, problem.constraints
-    nq, nv, frictional = system.nq, system.nv, constraints.frictional
+    nq, nv, frictional, turns = system.nq, system.nv, constraints.frictional, constraints.resistance is not None
     control, acted = control_of(system)
     if callbacks is not None and callbacks.table is not None:
         control, acted = callbacks.table, np.array([0, nq, 0, nv])
@@ -265,11 +267,12 @@ def mechanism_step(
         problem.tolerance, problem.length, reach, residual, squares, turn_squares, late, independent_parts(system),
         theta, scheme.project_positions, system.loaded,
     )  # fmt: skip
-    rows, ahead, middle = (row_buffer(nv, frictional) for _ in range(3))
+    rows, ahead, middle = (row_buffer(nv, frictional, turns) for _ in range(3))
     own = room(nq, nv, len(mechanism.mass) - nv)
     return MechanismStep(
         mechanism, problem.free_bodies, state.arrays, memory, scales, control, acted, own, rows, ahead, middle,
-        np.zeros(nq), np.zeros(nv), np.zeros(4 * MOST_ROWS), np.zeros(8 * MOST_ROWS if frictional else 0), np.zeros(1),
+        np.zeros(nq), np.zeros(nv), np.zeros(4 * MOST_ROWS), np.zeros(8 * MOST_ROWS if frictional else 0),
+        np.zeros(12 * MOST_ROWS if turns else 0), np.zeros(1),
     )  # fmt: skip
 
 
@@ -278,7 +281,9 @@ def loop_record(
     violation: Array, residual: Array,
 ) -> LoopRecord:  # fmt: skip
     """Return the record of a loop that writes states to given arrays, and logs the rows of up to `CHUNK` steps."""
-    width, nq, nv, pairs = ROUGH if problem.constraints.frictional else PLAIN, *problem.q0.shape, *guard.shares[1].shape
+    width = ROUGH if problem.constraints.frictional else PLAIN
+    width = width if problem.constraints.resistance is None else TURNING
+    nq, nv, pairs = *problem.q0.shape, *guard.shares[1].shape
     return LoopRecord(
         t, q, v, penetration, violation, residual, np.zeros(1, np.int64), np.zeros(CHUNK + 1, np.int64),
         np.zeros(CHUNK, bool), np.zeros(_ROWS, np.int64), np.zeros((_ROWS, width)), problem.constraints.lever,

@@ -6,6 +6,8 @@ from contextlib import nullcontext
 from typing import Any
 from weakref import WeakKeyDictionary
 
+import numpy as np
+
 from ...compiled import held
 from ...constraints import Rows
 from ...constraints.mechanism.state import MechanismState
@@ -111,6 +113,8 @@ class _OneStep:
         projector.take_back(memory.percussion, memory.start, memory.size)
         rates = step.rates[: 4 * m].reshape(4, m).copy()
         slip = step.slip[: 8 * m].reshape(4, m, 2).copy() if len(step.slip) else None
+        if slip is not None and len(step.turn):
+            slip = np.concatenate([slip, step.turn[: 12 * m].reshape(4, m, 3)], axis=2)
         active = rows_of(step) if m else self._none
         return Step(t + h, step.q.copy(), step.v.copy(), active, rates, step.residual.item(0), slip if m else None)
 
@@ -119,6 +123,10 @@ def rows_of(step: MechanismStep) -> Rows:
     """Return copies of the rows of a step."""
     rows, m = step.rows, step.rows.size[0]
     tangents = Tangents(rows.mu[:m].copy(), rows.axes[:m].copy(), rows.T[: 2 * m].copy(), None) if len(rows.T) else None
+    if tangents is not None and len(rows.R):
+        T, R = rows.T[: 2 * m].reshape(m, 2, -1), rows.R[: 3 * m].reshape(m, 3, -1)
+        wide = np.concatenate([T, R], axis=1).reshape(5 * m, -1)
+        tangents = tangents._replace(jacobian=wide, resistance=rows.resistance[:m].copy())
     return Rows(
         rows.number[:m].copy(), rows.gap[:m].copy(), rows.J[:m].copy(), rows.e[:m].copy(), rows.point[:m].copy(),
         rows.normal[:m].copy(), None, tangents,

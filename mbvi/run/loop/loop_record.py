@@ -7,8 +7,9 @@ from typing import NamedTuple
 from ...compiled import record
 from ...system.system import Array
 
-# numbers of a row in the log: gap, e, contact point, normal, rates; and with friction mu, both tangents, slip
-PLAIN, ROUGH = 12, 27
+# numbers of a row in the log: gap, e, contact point, normal, rates; and with friction mu, both tangents, slip;
+# and with torsional or rolling friction that of rotations
+PLAIN, ROUGH, TURNING = 12, 27, 39
 
 
 @record(
@@ -28,7 +29,7 @@ class LoopRecord(NamedTuple):
         Where the rows of each step of this call begin in the log.
     event : ndarray of bool, shape (k,)
         The steps that may have an impact.
-    number, rows : ndarray, shapes (r,) and (r, PLAIN or ROUGH)
+    number, rows : ndarray, shapes (r,) and (r, PLAIN, ROUGH or TURNING)
         The log: constraints and numbers of rows.
     lever, limits : ndarray, shape (c,), and int
         See `record_depth`.

@@ -26,7 +26,7 @@ def is_compiled(problem: Problem, scheme: Scheme) -> bool:
     loop = loop_of(scheme)
     if loop is None or problem.energy_cap or system.sparse or not can_be_joined(system):
         return False
-    if problem.constraints.resistance is not None or isinstance(system, HingedSystem):
+    if isinstance(system, HingedSystem):
         return False
     # among several bodies `StewartTrinkle` linearises contacts again at the end of a step
     if loop is run_stewart_trinkle and not system.single_mechanism:

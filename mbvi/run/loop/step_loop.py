@@ -16,7 +16,7 @@ from ...schemes.kernels.records import DONE, MechanismStep
 from ...schemes.kernels.stewart_trinkle import stewart_trinkle_step
 from ..recorder import record_depth
 from .guard import may_pass
-from .loop_record import ROUGH, LoopRecord
+from .loop_record import ROUGH, TURNING, LoopRecord
 
 Array = np.ndarray
 # kernels as `run_paoli`
@@ -37,13 +37,17 @@ def log_rows(s: MechanismStep, log: LoopRecord, begin: int) -> None:
             to[2 + c], to[5 + c] = rows.point[a, c], rows.normal[a, c]
         for r in range(4):
             to[8 + r] = s.rates[r * m + a]
-        if len(to) == ROUGH:
+        if len(to) >= ROUGH:
             to[12] = rows.mu[a]
             for c in range(2):
                 for k in range(3):
                     to[13 + 3 * c + k] = rows.axes[a, c, k]
                 for r in range(4):
                     to[19 + 2 * r + c] = s.slip[(r * m + a) * 2 + c]
+        if len(to) == TURNING:
+            for r in range(4):
+                for c in range(3):
+                    to[27 + 3 * r + c] = s.turn[(r * m + a) * 3 + c]
 
 
 @kernel(

@@ -1,6 +1,7 @@
-"""The law for given lower bounds of the rates of gaps, with the dry friction of joints as rows of Coulomb's law.
+"""The law for given lower bounds of the rates of gaps, with all that resists as rows of Coulomb's law.
 
 Dry friction of a joint, |tau| <= c, has a percussion of at most h c in a step, and opposes the velocity after it.
+Torsional and rolling friction of a contact are bounded by its percussion.
 """
 
 from __future__ import annotations
@@ -55,6 +56,57 @@ def write_wide(rows: RowBuffer, friction: Array, h: float, wide: Array, mu: Arra
             a += 1
 
 
+@kernel("i8(RowBuffer, i8)")
+def resisting(rows: RowBuffer, c: int) -> int:
+    """Return how many contacts have torsional friction, c = 0, or rolling friction, c = 1."""
+    count = 0
+    for a in range(rows.size[0] if len(rows.R) > 0 else 0):
+        count += rows.resistance[a, c] > 0.0
+    return count
+
+
+@kernel("void(RowBuffer, i8, f8[:,::1], f8[::1], i8[::1])")
+def write_resistance(rows: RowBuffer, begin: int, wide: Array, mu: Array, bound: Array) -> None:
+    """Write rows of torsional friction, then of rolling friction, from contact `begin` of the law on.
+
+    Parameters
+    ----------
+    rows : RowBuffer
+        The contacts.
+    begin : int
+        How many contacts, and joints with dry friction, the law has.
+    wide, mu : ndarray
+        See `write_wide`.
+    bound : ndarray of int, shape (n,)
+        Receives which contact bounds each.
+    """
+    i = begin
+    for c in range(2):
+        for a in range(rows.size[0] if len(rows.R) > 0 else 0):
+            if rows.resistance[a, c] > 0.0:
+                mu[i], bound[i] = rows.resistance[a, c], a
+                for k in range(wide.shape[1]):
+                    # the second tangent of torsional friction is a zero row
+                    wide[3 * i + 1, k] = rows.R[3 * a + c, k]
+                    wide[3 * i + 2, k] = rows.R[3 * a + 2, k] if c == 1 else 0.0
+                i += 1
+
+
+@kernel("void(RowBuffer, i8, f8[::1], f8[:,::1])")
+def read_resistance(rows: RowBuffer, begin: int, found: Array, p: Array) -> None:
+    """Write the percussions about normals and tangents, p[:, 3:], given all of the law; see `write_resistance`."""
+    i = begin
+    for a in range(rows.size[0]):
+        p[a, 3] = p[a, 4] = p[a, 5] = 0.0
+    for c in range(2):
+        for a in range(rows.size[0] if len(rows.R) > 0 else 0):
+            if rows.resistance[a, c] > 0.0:
+                p[a, 3 + c] = found[3 * i + 1]
+                if c == 1:
+                    p[a, 5] = found[3 * i + 2]
+                i += 1
+
+
 @kernel("i8(MechanismStep, RowBuffer, f8[::1], f8[::1], f8, f8, f8[::1], f8[:,::1])")
 def bounded_coulomb(
     s: MechanismStep, rows: RowBuffer, x: Array, lower: Array, h: float, limit: float, w: Array, p: Array
@@ -75,17 +127,16 @@ def bounded_coulomb(
         Time step [s], for the percussions of the dry friction of joints.
     limit : float
         Largest relative residual.
-    w, p : ndarray, shapes (nv,) and (k, 3)
-        Receive the result.
+    w, p : ndarray, shapes (nv,) and (k, 6)
+        Receive the result: percussions along normals and tangents, then about them.
     """
     memory, k, nv, m = s.memory, rows.size[0], len(x), s.mechanism
     rough = joints_with_friction(m.friction)
-    n = k + rough
+    n = k + rough + resisting(rows, 0) + resisting(rows, 1)
     if n > MOST_ROWS or (rough == 0 and k > MOST_CONTACTS):
         return UNSOLVED
     wide, W, A, mu = np.zeros((3 * n, nv)), np.empty((3 * n, nv)), np.empty((3 * n, nv)), np.zeros(n)
     write_wide(rows, m.friction, h, wide, mu)
-    solve(s.room.L, m.parent, wide, W, A)
     bounds, table, case, known = np.zeros(3 * n), np.zeros((3, 3 * n)), np.empty(n, np.int64), NOTHING
     first, start = np.zeros(3 * n), memory.start[: 3 * n]
     if memory.size[1] == 3 * n:
@@ -94,6 +145,8 @@ def bounded_coulomb(
     for a in range(k):
         bounds[3 * a] = lower[a]
     bound = np.full(n, -1, np.int64)
+    write_resistance(rows, k + rough, wide, mu, bound)
+    solve(s.room.L, m.parent, wide, W, A)
     residual, unique = coulomb_law(wide, A, x, bounds, mu, bound, known, AIM, first, w, table, case)
     # written so that a NaN is refused too
     if not 0.0 <= residual <= limit:
@@ -101,6 +154,7 @@ def bounded_coulomb(
     memory.size[1], memory.size[2], start[:], s.residual[0] = 3 * n, 1 if unique else 0, first, residual
     for i in range(3 * k):
         p[i // 3, i % 3] = table[0, i]
+    read_resistance(rows, k + rough, table[0], p)
     return DONE
 
 
@@ -122,6 +176,6 @@ def apply_joint_friction(s: MechanismStep, h: float, w: Array) -> bool:
     # no contacts
     none, before, x = s.middle, s.middle.size[0], w.copy()
     none.size[0] = 0
-    code = bounded_coulomb(s, none, x, w[:0], h, EXACT * s.scales.residual, w, np.empty((0, 3)))
+    code = bounded_coulomb(s, none, x, w[:0], h, EXACT * s.scales.residual, w, np.empty((0, 6)))
     none.size[0] = before
     return code == DONE

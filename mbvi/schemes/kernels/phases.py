@@ -100,11 +100,11 @@ def has_friction(rows: RowBuffer) -> bool:
 
 @kernel("i8(MechanismStep, f8[::1], f8, b1, f8[::1])")
 def apply_law_with_joints(s: MechanismStep, v: Array, h: float, twice: bool, opened: Array) -> int:
-    """Do what `apply_law` does where joints have dry friction."""
+    """Do what `apply_law` does where joints have dry friction, or contacts torsional or rolling friction."""
     rows, k = s.rows, s.rows.size[0]
     if not write_free_motion(s, v, h, twice):
         return UNSOLVED
-    lower, p = np.empty(k), np.empty((k, 3))
+    lower, p = np.empty(k), np.empty((k, 6))
     newton_law(rows.J[:k], v, rows.e[:k], opened, lower, s.rates[: 4 * k].reshape((4, k)))
     code = bounded_coulomb(s, rows, s.room.free, lower, h, EXACT * s.scales.residual, s.v, p)
     if code == DONE:
@@ -114,7 +114,7 @@ def apply_law_with_joints(s: MechanismStep, v: Array, h: float, twice: bool, ope
 
 @kernel("void(MechanismStep, RowBuffer, f8[::1], f8[:,::1])")
 def write_rates_of(s: MechanismStep, rows: RowBuffer, v: Array, p: Array) -> None:
-    """Write percussions p, shape (k, 3), and the rates of rows under forces alone, after and before the law."""
+    """Write percussions p, shape (k, 6), and the rates of rows under forces alone, after and before the law."""
     k, free = rows.size[0], s.room.free
     for a in range(k):
         s.rates[a], J = p[a, 0], rows.J[a]
@@ -123,6 +123,10 @@ def write_rates_of(s: MechanismStep, rows: RowBuffer, v: Array, p: Array) -> Non
             i, T = 2 * a + c, rows.T[2 * a + c]
             s.slip[i], s.slip[2 * k + i] = p[a, 1 + c], inner(T, free)
             s.slip[4 * k + i], s.slip[6 * k + i] = inner(T, s.v), inner(T, v)
+        for c in range(3 if len(rows.R) > 0 else 0):
+            i, R = 3 * a + c, rows.R[3 * a + c]
+            s.turn[i], s.turn[3 * k + i] = p[a, 3 + c], inner(R, free)
+            s.turn[6 * k + i], s.turn[9 * k + i] = inner(R, s.v), inner(R, v)
 
 
 @kernel("i8(MechanismStep, f8[::1], f8, b1, f8[::1])")
@@ -145,9 +149,10 @@ def apply_law(s: MechanismStep, v: Array, h: float, twice: bool, opened: Array) 
     m, rows, memory, k = s.mechanism, s.rows, s.memory, s.rows.size[0]
     limit = 0.0 if k <= FEW else 1e-3 * s.scales.residual
     J, e, rates = rows.J[:k], rows.e[:k], s.rates[: 4 * k].reshape((4, k))
-    if joints_with_friction(m.friction) > 0:
+    rough = has_friction(rows)
+    if joints_with_friction(m.friction) > 0 or (rough and len(rows.R) > 0):
         return apply_law_with_joints(s, v, h, twice, opened)
-    if not has_friction(rows):
+    if not rough:
         last = memory.percussion[: memory.size[0]]
         found = tree_law(
             m.mass, m.damping, m.parent, v, h, s.room.torque, m.effects, twice, J, e, opened, last, limit, s.v, rates
@@ -161,6 +166,8 @@ def apply_law(s: MechanismStep, v: Array, h: float, twice: bool, opened: Array) 
         # tangents of rows without friction are zero
         for i in range(min(8 * k, len(s.slip))):
             s.slip[i] = 0.0
+        for i in range(min(12 * k, len(s.turn))):
+            s.turn[i] = 0.0
         s.residual[0] = found
         return DONE
     if k > MOST_CONTACTS:

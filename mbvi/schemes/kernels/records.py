@@ -146,7 +146,7 @@ def room(nq: int, nv: int, equalities: int) -> Room:
 
 @record(
     "Mechanism, FreeBodyTable, MechanismConstraints, LawMemory, Scales, ControlTable, i8[::1], Room, RowBuffer,"
-    " RowBuffer, RowBuffer, f8[::1], f8[::1], f8[::1], f8[::1], f8[::1]"
+    " RowBuffer, RowBuffer, f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1]"
 )
 class MechanismStep(NamedTuple):
     """A mechanism with its constraints, and room for one step.
@@ -168,7 +168,9 @@ class MechanismStep(NamedTuple):
     rates : ndarray, shape (4 MOST_ROWS,)
         Receives the rates of the rows as of `Step`, one after the other, in its first 4 k places.
     slip : ndarray, shape (8 MOST_ROWS,)
-        Receives `Step.slip` in the same way; of no size without friction.
+        Receives `Step.slip` in the same way, without rotations; of no size without friction.
+    turn : ndarray, shape (12 MOST_ROWS,)
+        Receives that of rotations; of no size without torsional and rolling friction.
     residual : ndarray, shape (1,)
         Receives the relative residual of the law.
     """
@@ -188,4 +190,5 @@ class MechanismStep(NamedTuple):
     v: Array
     rates: Array
     slip: Array
+    turn: Array
     residual: Array

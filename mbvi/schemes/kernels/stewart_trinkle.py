@@ -49,6 +49,10 @@ def write_rates(s: MechanismStep, v: Array) -> None:
         row_speeds(rows.T, s.room.free, 1.0, s.slip[2 * k : 4 * k])
         row_speeds(rows.T, s.v, 1.0, s.slip[4 * k : 6 * k])
         row_speeds(rows.T, v, 1.0, s.slip[6 * k : 8 * k])
+    if len(s.turn):
+        row_speeds(rows.R, s.room.free, 1.0, s.turn[3 * k : 6 * k])
+        row_speeds(rows.R, s.v, 1.0, s.turn[6 * k : 9 * k])
+        row_speeds(rows.R, v, 1.0, s.turn[9 * k : 12 * k])
 
 
 @kernel("b1(MechanismStep, f8[::1])")

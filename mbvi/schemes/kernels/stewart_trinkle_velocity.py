@@ -57,7 +57,7 @@ def write_bounds(s: MechanismStep, v: Array, h: float, bound: Array, lower: Arra
 def project_bounds_with_friction(s: MechanismStep, bound: Array, h: float) -> int:
     """Write the same by Coulomb's law, for the rows `s.middle` that bear their bounds in place of their gaps."""
     some, k, i = s.middle, s.middle.size[0], 0
-    p = np.empty((k, 3))
+    p = np.empty((k, 6))
     code = bounded_coulomb(s, some, s.room.free, some.gap[:k].copy(), h, s.scales.residual, s.v, p)
     if code != DONE:
         return code
@@ -66,6 +66,8 @@ def project_bounds_with_friction(s: MechanismStep, bound: Array, h: float) -> in
             s.rates[a] = p[i, 0]
             if len(s.slip):
                 s.slip[2 * a], s.slip[2 * a + 1] = p[i, 1], p[i, 2]
+            for c in range(3 if len(s.turn) else 0):
+                s.turn[3 * a + c] = p[i, 3 + c]
             i += 1
     return DONE
 
@@ -78,7 +80,7 @@ def project_bounds(s: MechanismStep, bound: Array, lower: Array, h: float) -> in
     ----------
     s : MechanismStep
         With the rows, the free motion and the factor of the mass matrix. Receives the velocity `s.v`, the percussions
-        in the first places of `s.rates`, and with friction of `s.slip`.
+        in the first places of `s.rates`, and with friction of `s.slip` and `s.turn`.
     bound : ndarray of bool, shape (k,)
         Which rows have a bound.
     lower : ndarray, shape (k,)
@@ -96,6 +98,8 @@ def project_bounds(s: MechanismStep, bound: Array, lower: Array, h: float) -> in
             some.gap[some.size[0] - 1], rough = lower[a], max(rough, rows.mu[a])
     for i in range(2 * rows.size[0] if len(s.slip) else 0):
         s.slip[i] = 0.0
+    for i in range(3 * rows.size[0] if len(s.turn) else 0):
+        s.turn[i] = 0.0
     if rough > 0.0 or joints_with_friction(s.mechanism.friction) > 0:
         return project_bounds_with_friction(s, bound, h)
     k, x = some.size[0], room.free

@@ -33,7 +33,7 @@ def apply_bounds(s: MechanismStep, rows: RowBuffer, v: Array, x: Array, lower: A
         Length of the step [s].
     """
     k, n, L = rows.size[0], len(v), s.room.L
-    J, w, p = rows.J[:k], np.empty(n), np.zeros((k, 3))
+    J, w, p = rows.J[:k], np.empty(n), np.zeros((k, 6))
     if has_friction(rows) or joints_with_friction(s.mechanism.friction) > 0:
         # Python checks each row of others than exact answers
         code = bounded_coulomb(s, rows, x, lower, h, EXACT * s.scales.residual, w, p)

@@ -18,13 +18,20 @@ from ...system.system import Array
 from ..kernels.records import MechanismStep
 
 
-@kernel("RowBuffer(i8, i8, b1)")
-def rows_for(count: int, nv: int, frictional: bool) -> RowBuffer:
-    """Return room for rows of a mechanism with nv velocities."""
+@kernel("RowBuffer(i8, RowBuffer)")
+def rows_for(count: int, like: RowBuffer) -> RowBuffer:
+    """Return room for some rows like others."""
+    nv, turning = like.J.shape[1], count if len(like.R) > 0 else 0
     gap, e, lever, mu = np.zeros(count), np.zeros(count), np.zeros(count), np.zeros(count)
     point, normal, axes = np.zeros((count, 3)), np.zeros((count, 3)), np.zeros((count, 2, 3))
-    J, T = np.zeros((count, nv)), np.zeros((2 * count if frictional else 0, nv))
-    return RowBuffer(np.zeros(1, np.int64), np.zeros(count, np.int64), gap, e, lever, mu, point, normal, J, T, axes)
+    J, T = np.zeros((count, nv)), np.zeros((2 * count if len(like.T) > 0 else 0, nv))
+    size, number, resistance, R = (
+        np.zeros(1, np.int64),
+        np.zeros(count, np.int64),
+        np.zeros((turning, 2)),
+        np.zeros((3 * turning, nv)),
+    )
+    return RowBuffer(size, number, gap, e, lever, mu, point, normal, J, T, axes, resistance, R)
 
 
 @kernel("void(RowBuffer, RowBuffer)")
@@ -38,7 +45,7 @@ def copy_rows(rows: RowBuffer, others: RowBuffer) -> None:
 @kernel("RowBuffer(RowBuffer)")
 def copy_of(rows: RowBuffer) -> RowBuffer:
     """Return a copy of rows."""
-    others = rows_for(rows.size[0], rows.J.shape[1], len(rows.T) > 0)
+    others = rows_for(rows.size[0], rows)
     copy_rows(rows, others)
     return others
 
@@ -107,7 +114,7 @@ def nearby_rows(s: MechanismStep) -> RowBuffer:
     known, count = s.ahead, 0
     for a in range(known.size[0]):
         count += s.room.near[a]
-    rows = rows_for(count, len(s.v), len(known.T) > 0)
+    rows = rows_for(count, known)
     for a in range(known.size[0]):
         if s.room.near[a]:
             copy_row(known, a, rows)

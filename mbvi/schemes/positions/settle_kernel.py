@@ -172,6 +172,8 @@ def start_of_tangent_law(s: MechanismStep, there: RowBuffer, order: Array, start
                 impulse[0, j] += s.rates[a] * there.J[i, j]
                 for c in range(2 if len(there.T) > 0 else 0):
                     impulse[0, j] += s.slip[2 * a + c] * there.T[2 * i + c, j]
+                for c in range(3 if len(there.R) > 0 else 0):
+                    impulse[0, j] += s.turn[3 * a + c] * there.R[3 * i + c, j]
         solve(s.room.L, s.mechanism.parent, impulse, whitened, change)
     for j in range(n):
         start[j] = s.v[j] - change[0, j] if s.bodies.owner[j] >= 0 else s.room.free[j]
@@ -185,6 +187,8 @@ def write_speeds_after(s: MechanismStep, rows: RowBuffer) -> None:
         s.rates[2 * k + i] = inner(rows.J[i], s.v)
         for c in range(2 if len(rows.T) > 0 else 0):
             s.slip[2 * (2 * k + i) + c] = inner(rows.T[2 * i + c], s.v)
+        for c in range(3 if len(rows.R) > 0 else 0):
+            s.turn[3 * (2 * k + i) + c] = inner(rows.R[3 * i + c], s.v)
 
 
 @kernel("i8(MechanismStep, f8[::1], f8, Sunk, RowBuffer, i8[::1])")
@@ -207,7 +211,7 @@ def follow(s: MechanismStep, v: Array, half: float, sunk: Sunk, near: RowBuffer,
         The row of the law of each.
     """
     marks, room, k, m, i = s.middle, s.room, s.rows.size[0], near.size[0], near.size[0]
-    there, order, left = rows_for(k, len(v), len(marks.T) > 0), np.empty(k, np.int64), np.ones(k, np.bool_)
+    there, order, left = rows_for(k, marks), np.empty(k, np.int64), np.ones(k, np.bool_)
     lower, start, w, e = np.empty(k), np.empty(len(v)), s.v.copy(), s.rows.e
     copy_rows(near, there)
     for j in range(m):

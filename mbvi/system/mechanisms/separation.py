@@ -31,6 +31,14 @@ def row(columns: Array, first: Array, second: Array, point: Array, normal: Array
             row[k] = sign * (x * c[0] + y * c[1] + z * c[2] + u * c[3] + v * c[4] + w * c[5])
 
 
+@kernel("void(f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1])")
+def turning_row(columns: Array, first: Array, second: Array, axis: Array, row: Array) -> None:
+    """Write the gradient of the angular velocity of the second body relative to the first about an axis; see `row`."""
+    for k in range(len(row)):
+        c = columns[k]
+        row[k] = (second[k] - first[k]) * (axis[0] * c[3] + axis[1] * c[4] + axis[2] * c[5])
+
+
 @kernel("void(f8[:,::1], f8[:,::1], i8[::1], i8[::1], f8[:,::1], f8[:,::1], f8[:,::1])")
 def separation(
     columns: Array, support: Array, first: Array, second: Array, point: Array, normal: Array, rows: Array
