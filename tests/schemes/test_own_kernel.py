@@ -46,7 +46,7 @@ def fall(folder, mu):
     return scene.build()
 
 
-@pytest.mark.parametrize("mu", [0.0, 0.6])
+@pytest.mark.parametrize("mu", [0.0, 0.6, (0.6, 0.02, 0.005)])
 def test_the_kernel_is_the_step_written_in_python(mu, tmp_path):
     options = {"step": 1e-3, "duration": 0.3, "progress": False}
     kernels, python = KernelScheme(law_first, Timing(jump=0.0)), LawFirst()
@@ -56,4 +56,9 @@ def test_the_kernel_is_the_step_written_in_python(mu, tmp_path):
     assert any("rock" in name for name in touched) and any("floor" in name for name in touched)
     np.testing.assert_allclose(one.q[-1], other.q[-1], rtol=0, atol=1e-9)
     steps = mbvi.steps(fall(tmp_path, mu), kernels, step=1e-3)
-    np.testing.assert_array_equal([next(steps).q for _ in range(300)][-1], one.q[-1])
+    found = [next(steps) for _ in range(300)]
+    np.testing.assert_array_equal(found[-1].q, one.q[-1])
+    for step in found:
+        assert (step.slip is None) == (mu == 0.0 or not step.active.gap.size)
+        if step.slip is not None:
+            np.testing.assert_allclose(step.slip[2], step.active.tangents.slip(step.v), rtol=0, atol=1e-12)
