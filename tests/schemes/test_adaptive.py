@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 import mbvi
 from mbvi import reference
@@ -133,6 +134,49 @@ def ball(e, **wall):
     scene.add_halfspace((0, 0, 1), name="floor", **wall)
     scene.add_sphere(0.1, mass=2.0, position=(0, 0, 0.3))
     return scene.build()
+
+
+def test_no_impact_between_the_ends_of_a_step_is_missed():
+    """Balls rise to just beyond a ceiling: at both ends of a step they are below it, and their flight has no error."""
+    z, up, e = 0.5, 1.0, 0.5
+    for beyond in (1e-4, 1e-3, 4e-3):
+        scene = mbvi.Scene(restitution=e)
+        ceiling = z + up**2 / (2.0 * G) - beyond
+        scene.add_halfspace((0, 0, -1), -ceiling - 0.1, name="ceiling")
+        scene.add_sphere(0.1, position=(0, 0, z), velocity=(0, 0, up), name="ball")
+        run = mbvi.simulate(scene.build(), mbvi.Adaptive(1e-4), duration=0.2)
+        speed = np.sqrt(2.0 * G * beyond)
+        left = 0.2 - (up - speed) / G
+        assert [impact.constraints for impact in run.impacts] == [("ball | ceiling",)]
+        assert abs(run.q[-1, 2] - (ceiling - e * speed * left - 0.5 * G * left**2)) < 1e-5
+
+
+@pytest.mark.parametrize(("frequency", "height"), [(10.0, 0.12), (10.0, 0.15), (25.0, 0.11), (25.0, 0.13), (60.0, 0.1)])
+def test_no_stroke_of_a_fast_floor_is_missed(frequency, height):
+    """A floor that swings several times in the longest step: the times of impacts by roots of the exact gap."""
+    amplitude, e, turn, t, z, v, hits, h = 0.2 / frequency, 0.7, 2.0 * np.pi * frequency, 0.0, height, 0.0, [], 1e-5
+    grid = np.arange(0.0, 0.35, h)
+
+    def above(t, z, v, x):
+        return z + v * x - 0.5 * G * x * x - 0.05 - amplitude * np.sin(turn * (t + x))
+
+    while True:
+        rest = grid[grid > t + 1e-4] - t
+        gap = partial(above, t, z, v)
+        below = gap(rest) < 0.0
+        if not below.any():
+            break
+        first = below.argmax()
+        time = brentq(gap, rest[max(first - 1, 0)] - h, rest[first], xtol=1e-14)
+        t, z, v = t + time, z + v * time - 0.5 * G * time**2, v - G * time
+        # Newton's law relative to the floor
+        v = (1.0 + e) * amplitude * turn * np.cos(turn * t) - e * v
+        hits.append(t)
+    scene = mbvi.Scene(restitution=e)
+    scene.add_halfspace((0, 0, 1), motion=mbvi.motion.Oscillation((0, 0, amplitude), frequency))
+    scene.add_sphere(0.05, position=(0, 0, height))
+    run = mbvi.simulate(scene.build(), mbvi.Adaptive(1e-4), duration=0.35)
+    np.testing.assert_allclose([impact.time for impact in run.impacts], hits, atol=1e-3)
 
 
 def test_a_ball_rides_on_a_floor_that_moves():

@@ -18,7 +18,7 @@ from .closed import Near, near_rows, returned
 from .doubling import Doubled, doubled, held
 from .holding import HoldingCentered
 from .judgement import Verdict, judged
-from .landing import landing_time, stop_time
+from .landing import landing_time, missed_time, stop_time
 from .measure import Measure
 
 # the first step, and the longest [s]
@@ -191,9 +191,16 @@ class AdaptiveIntegrator:
                 continue
             verdict = self._judged(found, near, h, speed)
             keeps = verdict.sound and verdict.error <= measure.step
-            if keeps or shortest:
+            if shortest:
+                break
+            missed = missed_time(problem, measure, t, q, v, verdict.step, h) if keeps and not verdict.lands else None
+            if keeps and missed is None:
                 break
             self.counts.rejected += 1
+            if missed is not None:
+                # the next step ends within the overlap, where it is seen
+                wanted, cut, growth = min(missed, 0.9 * h), False, 1.0
+                continue
             time = self._event(verdict, near, h) if cuts < len(_CUTS) else None
             cut = time is not None
             if time is not None:

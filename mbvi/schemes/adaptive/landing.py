@@ -7,18 +7,20 @@ from collections.abc import Callable
 import numpy as np
 
 from ...constraints import Rows
-from ...constraints.rows import match_contacts
+from ...constraints.rows import match_contacts, take
 from ...errors import ProjectionError
 from ...problem import Problem
 from ...projection import Projector
 from ...system.system import Array
-from ..step import law
+from ..step import Step, law
 from .measure import Measure
 
 # part of a step over which the acceleration is taken
 _SHORT = 1e-3
 # most evaluations of gaps, and parts of the interval at which a landing is looked for
 _MOST, _PARTS = 40, (1.0, 0.5, 0.25)
+# most parts of a step in which an overlap is looked for; so many where walls move
+_WALL_PARTS = 16
 
 
 def landing_time(
@@ -46,6 +48,48 @@ def landing_time(
         if above < 0.0:
             return _root(lowest, end, above, 0.25 * measure.gap)
     return None
+
+
+def missed_time(problem: Problem, measure: Measure, t: float, q: Array, v: Array, end: Step, h: float) -> float | None:
+    """Return the time of an overlap within a step from (q, v) whose ends are apart, below h [s]; None without.
+
+    Gaps that fall at one instant and rise at the next are cubics between; of an overlap it is the time when it is
+    deepest. The instants are the ends, and where bodies move far or walls move, some between on a cubic path.
+    """
+    system, constraints, speed = problem.system, problem.constraints, max(measure.size(v), measure.size(end.v))
+    parts = _WALL_PARTS if constraints.moving else min(int(h * speed) + 1, _WALL_PARTS)
+    margin = 2.0 * (measure.gap + h / parts * speed * problem.length)
+    before, rate, whole = constraints.active(t, q, margin), v, system.difference(q, end.q)
+    for k in range(1, parts + 1):
+        x = k / parts
+        path = x * (1.0 - x) ** 2 * h * v + x * x * ((3.0 - 2.0 * x) * whole + (x - 1.0) * h * end.v)
+        later = (1.0 - x) * (1.0 - 3.0 * x) * v + x * (6.0 * (1.0 - x) / h * whole + (3.0 * x - 2.0) * end.v)
+        after = constraints.active(t + x * h, end.q if k == parts else system.integrate(q, path), margin)
+        found = _deepest(problem, measure, before, rate, after, later, h / parts)
+        if found is not None:
+            return (k - 1) / parts * h + found
+        before, rate = after, later
+    return None
+
+
+def _deepest(
+    problem: Problem, measure: Measure, first: Rows, v: Array, last: Rows, later: Array, h: float
+) -> float | None:
+    """Return when a gap between two instants is deepest that falls at the first and rises at the last [s]."""
+    first = take(first, first.speeds(v) < 0.0)
+    last = take(last, last.speeds(later) > 0.0)
+    if not len(first.gap) or not len(last.gap):
+        return None
+    owner = match_contacts(first, last)
+    first, last = take(first, owner >= 0), take(last, owner[owner >= 0])
+    # in parts of the time: gap + falls x + bend x^2 + rest x^3
+    falls, rises, change = h * first.speeds(v), h * last.speeds(later), last.gap - first.gap
+    bend, rest = 3.0 * change - 2.0 * falls - rises, falls + rises - 2.0 * change
+    root, over = np.sqrt(np.maximum(bend * bend - 3.0 * rest * falls, 0.0)), bend > 0.0
+    x = np.where(over, -falls, root - bend) / np.where(over, bend + root, 3.0 * rest)
+    deepest = first.gap + x * (falls + x * (bend + x * rest))
+    overlap = problem.constraints.levers(first.constraint) * deepest < -measure.gap
+    return h * float(x[overlap].min()) if overlap.any() else None
 
 
 def stop_time(
