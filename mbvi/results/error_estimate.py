@@ -11,6 +11,7 @@ import numpy as np
 from ..errors import InputError, UnsuitableError
 from ..schemes import Adaptive, OwnStepsScheme
 from ..system.lengths import velocity_units
+from ..system.settings import Settings
 from .diagnosis.diagnose import given_or_computed
 from .run_data import Array, RunData
 
@@ -69,6 +70,11 @@ class ErrorEstimate:
 
 def estimate_error(run: RunData) -> ErrorEstimate:
     """Return the estimated error of a run; see `Trajectory.error_estimate`."""
+    with run.record.as_set():
+        return _estimated(run)
+
+
+def _estimated(run: RunData) -> ErrorEstimate:
     problem, again, scheme = run.problem, run.record.again, run.record.scheme
     if problem is None or scheme is None or run.lacks_functions:
         raise InputError(
@@ -98,9 +104,11 @@ def estimate_error(run: RunData) -> ErrorEstimate:
     return ErrorEstimate(t, error, problem.length, fork, second, caveat)
 
 
-def repeatable(run: Run, again: Callable[..., RunData]) -> Run:
-    """Return a run that knows how it is simulated again."""
-    return replace(run, record=replace(run.record, again=again))
+def repeatable(run: Run, again: Callable[..., RunData], settings: Settings | None = None) -> Run:
+    """Return a run that knows how it is simulated again, with the settings given or else those of now."""
+    if settings is None and run.problem is not None:
+        settings = Settings(run.problem.system)
+    return replace(run, record=replace(run.record, again=again, settings=settings))
 
 
 def _stricter(scheme: OwnStepsScheme) -> OwnStepsScheme:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, cast
 
@@ -14,6 +15,7 @@ from ..schemes import SchemeBase, Timing
 
 if TYPE_CHECKING:
     from ..problem import Problem
+    from ..system.settings import Settings
     from .contacts import ContactTable
 
 Array = np.ndarray
@@ -89,6 +91,8 @@ class RunRecord:
         Greatest violation of joint limits at each time [rad, of sliding joints m].
     again : callable or None
         `simulate` with the residual, depth and solver of the run; None where the run was interrupted.
+    settings : Settings or None
+        The inputs and torques that were set in the run; None where those of the problem are.
     """
 
     penetration: Array = field(default_factory=lambda: np.zeros(0))
@@ -99,6 +103,11 @@ class RunRecord:
     contacts: ContactTable | None = None
     limit_violation: Array = field(default_factory=lambda: np.zeros(0))
     again: Callable[..., RunData] | None = None
+    settings: Settings | None = None
+
+    def as_set(self) -> AbstractContextManager[None]:
+        """Let the inputs and torques of the run act within a block."""
+        return nullcontext() if self.settings is None else self.settings.restored()
 
 
 @dataclass(frozen=True)

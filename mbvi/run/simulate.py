@@ -17,6 +17,7 @@ from ..results.trajectory import Trajectory
 from ..scene import Scene
 from ..schemes import Adaptive, EventDriven, OwnStepsScheme, Scheme, Step
 from ..schemes.step import end_at
+from ..system.settings import Settings
 from .accuracy import projector_of, residual_note
 from .control_stability import failures_with_time, gain_notes
 from .default_scheme import default_scheme, time_stepping
@@ -182,13 +183,13 @@ def simulate(
     notes += accepted + problem.system.notes() + built
     if solver is not None:
         notes.append(f"every projection was solved by {solver!r}")
-    again = partial(simulate, residual=residual, depth=depth, solver=solver)
+    again, settings = partial(simulate, residual=residual, depth=depth, solver=solver), Settings(problem.system)
     if isinstance(scheme, EventDriven):
         run = run_event_driven(problem, scheme, duration, every, projector, notes, out, progress, record is not None)
-        return repeatable(run, again)
+        return repeatable(run, again, settings)
     if isinstance(scheme, Adaptive):
         run = run_adaptive(problem, scheme, duration, every, projector, notes, out, progress, record is not None)
-        return repeatable(run, again)
+        return repeatable(run, again, settings)
     assert h is not None and isinstance(scheme, Scheme)
     notes += gain_notes(problem, h)
     if duration / h > _MOST_STEPS:
@@ -196,7 +197,8 @@ def simulate(
     # the number of whole steps, the remaining time, and the number of all steps
     whole = int(duration / h * (1.0 + 1e-12))
     rest = duration - whole * h
-    total = whole + (rest > 1e-9 * h)
+    # a run that is shorter than rounding of a step has one too
+    total = max(whole + (rest > 1e-9 * h), 1)
     try:
         recorder = Recorder(problem, 1 + -(-total // every), scheme.timing, notes, record is not None)
     except MemoryError as error:
@@ -261,7 +263,7 @@ def simulate(
         recorder.notes.append(
             f"{shortened_steps - solved.parts} steps were shortened where a body would have passed through another"
         )
-    return repeatable(recorder.trajectory(scheme, h), again)
+    return repeatable(recorder.trajectory(scheme, h), again, settings)
 
 
 def _advanced(

@@ -276,7 +276,8 @@ class SceneItems:
         InputError
             If the wanted name is in use, or is no name.
         """
-        taken = self.names()
+        # "world" is what connections and controls call the world
+        taken = {"world", *self.names()}
         if name is not None:
             if label(name) in taken:
                 raise InputError(f"the name {name!r} is taken; give another one")

@@ -125,3 +125,22 @@ def test_what_has_no_estimate_is_refused():
         mbvi.simulate(scene.build(), mbvi.Paoli(), step=1e-2, duration=0.1)
     with pytest.raises(InputError, match="complete"):
         caught.value.run.error_estimate()
+
+
+def test_what_is_set_after_a_run_does_not_change_what_is_known_of_it():
+    drive = mbvi.ConstantTorque([0.2, -0.1, 0.1])
+    scene = mbvi.Scene()
+    scene.add_urdf("robot:arm", base="fixed", name="arm", control=drive)
+    problem = scene.build()
+    run = mbvi.simulate(problem, mbvi.Centered(), step=1e-2, duration=0.2)
+    known = run.error_estimate().error, run.diagnosis().energy_excess
+    drive.torque[:] = 5.0
+    assert np.array_equal(run.error_estimate().error, known[0])
+    assert run.diagnosis().energy_excess == known[1]
+    assert drive.torque.tolist() == [5.0, 5.0, 5.0]
+
+
+def test_a_run_shorter_than_rounding_of_its_step_reaches_its_end():
+    run = mbvi.simulate(falling(), mbvi.Centered(), duration=1e-12)
+    assert run.t.tolist() == [0.0, 1e-12]
+    assert run.error_estimate().largest < 1e-12

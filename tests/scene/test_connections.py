@@ -162,6 +162,7 @@ def mistakes():
     yield "two of the world", lambda s: s.connect("world", "wall", **at), "world and wall do not move"
     yield "no point", lambda s: s.connect("rod", "bob", at=(0, 0)), "at"
     yield "no axis", lambda s: s.hinge("rod", "bob", axis=(0, 0, 0), **at), "axis is zero"
+    yield "the name of the world", lambda s: s.add_box((1, 1, 1), name="world"), "the name 'world' is taken"
     yield "a name twice", lambda s: s.connect("rod", "bob", name="rod", **at), "the name 'rod' is taken"
     yield (
         "unknown joint",

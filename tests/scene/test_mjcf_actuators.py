@@ -267,6 +267,10 @@ def test_a_run_keeps_springs_and_actuators_in_its_file(tmp_path):
     assert not again.problem.not_kept and again.problem.report() == run.problem.report()
     assert dict(again.problem.ctrl) == {"hold": 0.0, "t": 0.3, "w": 0.0}
     np.testing.assert_array_equal(mbvi.simulate(again.problem, step=1e-3, duration=0.05).q, run.q)
+    # what is set later is no part of the run
+    problem.ctrl["t"] = 0.9
+    run.save(tmp_path / "later.h5")
+    assert mbvi.load(tmp_path / "later.h5").problem.ctrl["t"] == 0.3 and problem.ctrl["t"] == 0.9
 
     def drive(t, q, v):
         return [np.sin(t), 0.1, 0.2]

@@ -174,8 +174,14 @@ def states(run: RunData) -> Iterator[State]:
     """Yield every state of a run; states that a thinned run did not record are computed again from the last recorded.
 
     So is every state of a scheme that applies the law within its steps or projects positions. Where a file names an
-    unknown scheme, the law is taken to act where the velocity jumps, on the rows that are active there.
+    unknown scheme, the law is taken to act where the velocity jumps, on the rows that are active there. Until the last
+    state has been taken the inputs and torques of the run act.
     """
+    with run.record.as_set():
+        yield from _states(run)
+
+
+def _states(run: RunData) -> Iterator[State]:
     assert run.problem is not None
     problem, jump, scheme = run.problem, run.record.timing.jump, _stepping_scheme(run)
     # Coulomb's law for many contacts is solved as exactly as in the run

@@ -145,7 +145,8 @@ def save(run: RunData, path: str | os.PathLike[str]) -> None:
     recorded = dict(zip(_RECORDED, values, strict=True))
     if run.problem is not None or record.energies is not None:
         recorded["energy"] = energies_of_states(run)
-    metadata = _metadata(run.problem, record.scheme, run.scheme, run.step, record.timing, run.notes)
+    with record.as_set():
+        metadata = _metadata(run.problem, record.scheme, run.scheme, run.step, record.timing, run.notes)
     try:
         sizes = _sizes(run.q.shape[1], run.v.shape[1], record.dense)
         given, friction = record.contacts is not None, _frictional(run)
