@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import TypedDict
 
@@ -76,3 +76,10 @@ def mesh_of(path: Path) -> tuple[Array, Array]:
         return array(np.array(mesh.vertices()), f"the vertices of {path}", ("v", 3)), corners
     except (ValueError, RuntimeError) as error:
         raise InputError(f"{path} cannot be read as a mesh: {(str(error).strip() or '?').splitlines()[0]}") from error
+
+
+def check_known(given: Collection[str], more: Sequence[str] = ()) -> None:
+    """Raise `InputError` if an argument of a body is unknown."""
+    unknown = set(given) - {*BodyArguments.__annotations__, *more}
+    if unknown:
+        raise InputError(f"unknown argument {sorted(unknown)}; known are {', '.join(BodyArguments.__annotations__)}")

@@ -76,13 +76,18 @@ class BodyItem:
 
 @dataclass(frozen=True)
 class SurfaceItem:
-    """A mesh of the world with its pose and its motion."""
+    """A mesh of the world with its pose and its motion; of a height field also what it was made from.
+
+    `heights` has the shape (rows, columns) [m], `size` are the lengths along x and y [m].
+    """
 
     name: str
     surface: Surface
     position: Array
     rotation: Array
-    motion: Motion | None
+    motion: Motion | None = None
+    heights: Array | None = None
+    size: tuple[float, float] | None = None
 
     def placed(self) -> Surface:
         """Return the mesh at its pose."""

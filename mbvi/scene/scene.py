@@ -24,7 +24,7 @@ from ..arguments import (
     several_names,
     vector,
 )  # fmt: skip
-from ..errors import InputError, MbviWarning
+from ..errors import MbviWarning
 from ..geometry.motion import Motion, checked_motion
 from ..geometry.shapes.orientation import RotationLike, rotation_matrix
 from ..geometry.shapes.shapes import Array, Box, Capsule, Convex, Cylinder, Ellipsoid, Hull, Sphere
@@ -33,7 +33,7 @@ from .assembly import assemble, start_picture
 from .connected.connections import Connections
 from .forces.actions import Actions
 from .grains import Grains
-from .inputs import BodyArguments, mesh_of, scaled
+from .inputs import BodyArguments, check_known, mesh_of, scaled
 from .items import BodyItem, RobotItem, SceneItems, SphereItem
 from .mjcf.added import MjcfModels
 from .overview import overview, overview_html
@@ -299,16 +299,21 @@ class Scene(Walls, Grains, MjcfModels, PairRules, Actions, Connections):
         mass: float = 1.0,
         scale: float = 1.0,
         tolerance: float | None = None,
+        convex: bool = True,
         **body: Unpack[BodyArguments],
     ) -> str:
         """Add the convex hull of a mesh file (STL, OBJ, DAE) as a homogeneous body; the rest as `add_box`.
 
+        With `convex=False` it is the mesh as it is, hollows and all, a part of the world: solid behind its triangles if
+        it is closed, a sheet as of `add_surface` if it has a rim. Such a mesh has no mass, and moves by `motion` only.
         `position` and `rotation` are those of the file's frame; q holds the centre of mass. `scale` multiplies the
         file's coordinates [m per unit]. A hull that is a ball, box, capsule or cylinder within `tolerance` [m] touches
         as that, or else as a hull of some of its vertices, if nine tenths of them suffice. By default only the
         first, within 1e-9 of its size. Mass and inertia stay the hull's.
         """
         file = file_path(path)
+        if not boolean(convex, "convex"):
+            return self._add_as_it_is(file, scale, {"mass": mass, "tolerance": tolerance, **body})
         hull = Hull(scaled(mesh_of(file)[0], scale))
         within = optional(positive, tolerance, "tolerance")
         return self._add_body(hull, mass, file.stem, within, **body)
@@ -350,11 +355,7 @@ class Scene(Walls, Grains, MjcfModels, PairRules, Actions, Connections):
         tolerance: float | None = None,
         **body: Unpack[BodyArguments],
     ) -> str:
-        unknown = set(body) - set(BodyArguments.__annotations__)
-        if unknown:
-            raise InputError(
-                f"unknown argument {sorted(unknown)}; known are {', '.join(BodyArguments.__annotations__)}"
-            )
+        check_known(body)
         mass = positive(mass, "mass")
         place = vector(body.get("position", _ORIGIN), "position")
         turn = rotation_matrix(body.get("rotation", _UPRIGHT))

@@ -1,22 +1,38 @@
-"""The part of a scene that adds fixed or prescribed walls: half-spaces, open boxes, meshes."""
+"""The part of a scene that adds fixed or prescribed walls: half-spaces, open boxes, meshes, height fields."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from ..arguments import SMALLEST, array, file_path, finite, integers, vector
+from ..arguments import (
+    SMALLEST,
+    all_positive,
+    array,
+    boolean,
+    file_path,
+    finite,
+    integers,
+    optional,
+    positive,
+    vector,
+)
 from ..errors import InputError
 from ..geometry.motion import Motion, checked_motion
+from ..geometry.shapes.height_field import height_field
 from ..geometry.shapes.orientation import RotationLike, rotation_matrix
 from ..geometry.shapes.shapes import Array, HalfSpace
 from ..geometry.shapes.triangles import Surface
-from .inputs import scaled
+from .inputs import check_known, scaled
 from .items import SceneItems, SurfaceItem
+from .meshes.grey import grey_values
 from .meshes.visual import triangles_of
 
+_ZERO = (0.0, 0.0, 0.0)
 _SIDES = {
     "floor": (0, 0, 1),
     "left": (1, 0, 0),
@@ -114,11 +130,12 @@ class Walls:
         rotation: RotationLike = ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
         name: str | None = None,
         motion: Motion | None = None,
+        one_sided: bool = False,
     ) -> str:
         """Add a triangle mesh of the world as it is, hollows and all: a funnel, a drum, terrain.
 
-        It is a sheet, solid from both sides, for spheres alone: free ones, and those on robots and bodies.
-        `mbvi.surfaces` makes meshes; of other shapes a scene takes the convex hull by `add_mesh(..., fixed=True)`.
+        It is a sheet, solid from both sides, unless it is `one_sided`, for spheres alone: free ones, and those on
+        robots and bodies. `mbvi.surfaces` makes meshes; `add_mesh(path, convex=False)` reads one that may be solid.
 
         Parameters
         ----------
@@ -134,6 +151,9 @@ class Walls:
             The file's, or "surface", by default.
         motion : Motion, optional
             As `add_halfspace`.
+        one_sided : bool
+            Whether it is solid behind its triangles, whose corners run anticlockwise seen from the free side. A sphere
+            whose centre is behind it is pushed back, if the mesh has a rim up to a depth of half a radius.
 
         Raises
         ------
@@ -154,7 +174,84 @@ class Walls:
                 array(mesh, "mesh", ("v", 3)),
                 integers(triangles, "triangles", ("t", 3)),
             )
-        moved, surface = checked_motion(motion), Surface(scaled(points, scale), corners)
+        moved, side = checked_motion(motion), boolean(one_sided, "one_sided")
+        return self._add_sheet(name, default, Surface(scaled(points, scale), corners, side), place, turn, moved)
+
+    def add_heightfield(
+        self,
+        heights: str | os.PathLike[str] | Array,
+        size: Sequence[float] | Array,
+        position: Sequence[float] | Array = (0.0, 0.0, 0.0),
+        rotation: RotationLike = ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
+        name: str | None = None,
+        motion: Motion | None = None,
+        height: float | None = None,
+    ) -> str:
+        """Add terrain: heights over a rectangle, solid below, in triangles.
+
+        The middle of the rectangle is at `position`; heights are above it. What rolls over the rim falls off. Each cell
+        is two triangles; the edge between them leads from its corner of least x and y to the opposite one.
+
+        Parameters
+        ----------
+        heights : array_like of shape (rows, columns), or path
+            Heights [m]; rows ascend along y, columns along x. Or a PNG of grey values, as a map: its upper rows are
+            those of larger y.
+        size : array_like, shape (2,)
+            Lengths of the rectangle along x and y [m].
+        position, rotation : array_like
+            Pose of the field: shape (3,) [m], and a rotation as `BodyArguments` has it.
+        name : str, optional
+            "field", or the name of the file, by default.
+        motion : Motion, optional
+            As `add_halfspace`.
+        height : float, optional
+            Of a PNG, and only of it: the height of white above black [m].
+
+        Raises
+        ------
+        InputError
+            If there are fewer than two rows or columns, the file is no grey PNG, or as `add_surface`.
+        """
+        place, turn = vector(position, "position"), rotation_matrix(rotation)
+        along_x, along_y = all_positive(vector(size, "size", 2), "size", 2).tolist()
+        white, default = optional(positive, height, "height"), "field"
+        if isinstance(heights, str | os.PathLike):
+            file = file_path(heights, "heights")
+            if white is None:
+                raise InputError("give the height of white above black with a PNG: height=")
+            default, z = file.stem, white * grey_values(file)
+        elif white is not None:
+            raise InputError("height is for a PNG; an array holds heights in metres")
+        else:
+            z = array(heights, "heights", ("rows", "columns")).copy()
+        if min(z.shape) < 2:
+            raise InputError(f"heights has shape {z.shape}; it must have two rows and columns at least")
+        surface, moved = height_field(z, (along_x, along_y)), checked_motion(motion)
+        return self._add_sheet(name, default, surface, place, turn, moved, z, (along_x, along_y))
+
+    def _add_as_it_is(self, file: Path, scale: float, given: dict[str, Any]) -> str:
+        """Add a mesh as it is; raise `InputError` on what is given for a body only."""
+        check_known(given, ("mass", "tolerance"))
+        if not boolean(given.pop("fixed", True), "fixed"):
+            raise InputError(
+                f"{file.name} as it is cannot move freely: of two meshes that both move, mbvi finds contacts of convex "
+                f"parts only. Add convex parts by add_mesh and join them by connect, or leave out fixed=False"
+            )
+        defaults: dict[str, Any] = {"mass": 1.0, "tolerance": None, "velocity": _ZERO, "angular_velocity": _ZERO}
+        for argument, default in defaults.items():
+            if not np.array_equal(given.pop(argument, default), default):
+                raise InputError(f"{argument} is not for a mesh as it is, convex=False: it is a part of the world")
+        points, corners, _ = triangles_of(file)
+        place = vector(given.get("position", _ZERO), "position")
+        turn = rotation_matrix(given.get("rotation", np.eye(3)))
+        surface, motion = Surface(scaled(points, scale), corners, None), checked_motion(given.get("motion"))
+        return self._add_sheet(given.get("name"), file.stem, surface, place, turn, motion)
+
+    def _add_sheet(
+        self, name: str | None, default: str, surface: Surface, place: Array, turn: Array, *more: Any
+    ) -> str:
+        """Add a mesh of the world as it is; `more` are its motion, and of a height field its heights and size."""
         name = self._items.new_name(name, default)
-        self._items.surfaces.append(SurfaceItem(name, surface, place, turn, moved))
+        self._items.surfaces.append(SurfaceItem(name, surface, place, turn, *more))
         return name

@@ -125,7 +125,7 @@ def test_contacts_are_those_of_a_look_at_every_triangle(seed):
     scene.add_surface(surface.vertices, surface.triangles)
     scene.add_spheres(np.array([[0, 0, 1e3 + 10 * k] for k in range(len(centres))]), radii, mass=1.0)
     family, q = scene.build().constraints.constraints[0], centres.ravel()
-    sheet = surface.vertices, surface.triangles, *surface.tree
+    sheet, both = (surface.vertices, surface.triangles, *surface.tree), np.ones(len(surface.sharers), bool)
     expected = np.zeros(len(centres))
     mesh_distances_plain(*sheet, centres, expected)
     np.testing.assert_allclose(family.gap(0.0, q), expected - radii, atol=1e-12)
@@ -133,7 +133,7 @@ def test_contacts_are_those_of_a_look_at_every_triangle(seed):
         out = np.zeros(99999, int), np.zeros(99999), np.zeros((99999, 3)), np.zeros((99999, 3))
         reach = radii + tolerance + 1e-12
         count, _ = mesh_contacts_plain(
-            *sheet, surface.features, surface.sharers, centres, radii, reach, tolerance, *[None] * 5, *out
+            *sheet, surface.features, surface.sharers, both, centres, radii, reach, tolerance, 0.5, *[None] * 5, *out
         )
         found = family.contacts(0.0, q, tolerance)
         for part, name in zip(out, ("constraint", "gap", "point", "normal"), strict=True):

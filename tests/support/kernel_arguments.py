@@ -934,13 +934,35 @@ def sort_by_feature(rng):
     return rng.permutation(k), rng.integers(0, 6, k), distance, k, np.arange(k)
 
 
+def feature_normal(rng):
+    surface = triangles.Surface(*bipyramid(rng))
+    number = int(rng.integers(len(surface.sharers)))
+    sharing = np.flatnonzero((surface.features == number).any(axis=1))
+    rank = np.concatenate([[0], rng.permutation(len(sharing))])
+    return surface.vertices, surface.triangles, sharing, rank, 1, len(sharing), number, np.zeros(3)
+
+
+def bipyramid(rng):
+    """A closed mesh of six triangles."""
+    ring = np.array([[1.0, 0, 0], [-0.5, 0.8, 0], [-0.5, -0.8, 0], [0, 0, 0.9], [0, 0, -0.7]])
+    faces = [[k, (k + 1) % 3, 3] for k in range(3)] + [[(k + 1) % 3, k, 4] for k in range(3)]
+    return ring + rng.uniform(-0.1, 0.1, (5, 3)), np.array(faces)
+
+
 def mesh_contacts(rng):
-    surface, tree, centres = mesh_tree(rng)
+    """Of a sheet, or of a closed mesh that is solid."""
+    if rng.integers(2):
+        surface, (_, centres) = triangles.Surface(*bipyramid(rng), None), mesh(rng)
+        sides = surface.rim
+    else:
+        surface, centres = mesh(rng)
+        sides = np.ones(len(surface.sharers), bool)
     radii, tolerance = rng.uniform(0.1, 0.4, 9), rng.uniform(0.0, 0.2)
     scratch = np.zeros(20, int), np.zeros(20, int), np.zeros(20), np.zeros((20, 3)), np.zeros(20, int)
     found = np.zeros(200, int), np.zeros(200), np.zeros((200, 3)), np.zeros((200, 3))
-    sheet = *tree, surface.features, surface.sharers
-    return *sheet, centres, radii, radii + tolerance + 1e-12, tolerance, *scratch, *found
+    sheet = surface.vertices, surface.triangles, *surface.tree, surface.features, surface.sharers, sides
+    reach, deepest = radii + tolerance + 1e-12, float(rng.choice([0.5, np.inf]))
+    return *sheet, centres, radii, reach, tolerance, deepest, *scratch, *found
 
 
 def box_square(rng):
@@ -1078,6 +1100,7 @@ ARGUMENTS = {
     "is_covered": is_covered,
     "uncovered": uncovered,
     "nearest_on_triangle": nearest_on_triangle,
+    "feature_normal": feature_normal,
     "mesh_distances": mesh_distances,
     "sort_by_feature": sort_by_feature,
     "mesh_contacts": mesh_contacts,

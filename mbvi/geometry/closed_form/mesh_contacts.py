@@ -10,6 +10,8 @@ from ..shapes.triangles import FEW
 
 # the most boxes that wait in a search: one for each time that the number of triangles is halved, and one more
 _DEEPEST = 64
+# part of a radius within which the direction from the nearest point to a centre is rounding
+_ON_IT = 1e-9
 
 
 @kernel("f8(f8[:,::1], i8, f8[:,::1], i8)")
@@ -203,30 +205,86 @@ def sort_by_feature(triangle: Array, number: Array, distance: Array, count: int,
         step //= 3
 
 
+@kernel("void(f8[:,::1], i8[:,::1], i8[::1], i8[::1], i8, i8, i8, f8[::1])")
+def feature_normal(
+    vertices: Array, triangles: Array, triangle: Array, rank: Array, first: int, shared: int, number: int, normal: Array
+) -> None:
+    """Write the unit normal of a feature: that of the face, or the mean of those about an edge or a corner.
+
+    Parameters
+    ----------
+    vertices, triangles
+        Of `Surface`.
+    triangle, rank : ndarray of int
+        See `near_triangles`; `shared` places of `rank` from `first` on are the triangles that share the feature.
+    first, shared, number : int
+        These places, and the feature's number.
+    normal : ndarray, shape (3,)
+        Receives the normal.
+
+    Notes
+    -----
+    At a corner faces count by their angles: J. A. Baerentzen, H. Aanaes, Signed distance computation using the angle
+    weighted pseudonormal (2005).
+    """
+    for x in range(3):
+        normal[x] = 0.0
+    for k in range(first, first + shared):
+        t = triangle[rank[k]]
+        corner = 0
+        for j in range(3):
+            if triangles[t, j] == number:
+                corner = j
+        a, b, c = triangles[t, corner], triangles[t, (corner + 1) % 3], triangles[t, (corner + 2) % 3]
+        square, along, weight = 0.0, 0.0, 1.0
+        for x in range(3):
+            y, z = (x + 1) % 3, (x + 2) % 3
+            area = (vertices[b, y] - vertices[a, y]) * (vertices[c, z] - vertices[a, z])
+            area -= (vertices[b, z] - vertices[a, z]) * (vertices[c, y] - vertices[a, y])
+            square += area * area
+            along += (vertices[b, x] - vertices[a, x]) * (vertices[c, x] - vertices[a, x])
+        length = np.sqrt(square)
+        if number < len(vertices):
+            weight = np.arctan2(length, along)
+        for x in range(3):
+            y, z = (x + 1) % 3, (x + 2) % 3
+            area = (vertices[b, y] - vertices[a, y]) * (vertices[c, z] - vertices[a, z])
+            area -= (vertices[b, z] - vertices[a, z]) * (vertices[c, y] - vertices[a, y])
+            normal[x] += weight * area / length
+    length = np.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2)
+    for x in range(3):
+        normal[x] /= max(length, 1e-300)
+
+
 @kernel(
-    "Tuple((i8, i8))(f8[:,::1], i8[:,::1], i8[::1], f8[:,::1], i8[:,::1], i8[::1], f8[:,::1], f8[::1], f8[::1], f8,"
-    " i8[::1], i8[::1], f8[::1], f8[:,::1], i8[::1], i8[::1], f8[::1], f8[:,::1], f8[:,::1])"
+    "Tuple((i8, i8))(f8[:,::1], i8[:,::1], i8[::1], f8[:,::1], i8[:,::1], i8[::1], b1[::1], f8[:,::1], f8[::1],"
+    " f8[::1], f8, f8, i8[::1], i8[::1], f8[::1], f8[:,::1], i8[::1], i8[::1], f8[::1], f8[:,::1], f8[:,::1])"
 )
 def mesh_contacts(
-    vertices: Array, triangles: Array, order: Array, boxes: Array, features: Array, sharers: Array, centres: Array,
-    radii: Array, reach: Array, tolerance: float, triangle: Array, number: Array, distance: Array, foot: Array,
-    rank: Array, sphere: Array, gap: Array, point: Array, normal: Array,
+    vertices: Array, triangles: Array, order: Array, boxes: Array, features: Array, sharers: Array, sheet: Array,
+    centres: Array, radii: Array, reach: Array, tolerance: float, deepest: float, triangle: Array, number: Array,
+    distance: Array, foot: Array, rank: Array, sphere: Array, gap: Array, point: Array, normal: Array,
 ) -> tuple[int, int]:  # fmt: skip
     """Write the contacts of spheres with a mesh: the points of it whose distance is a local minimum.
 
     A point on an edge or at a corner counts if it is the nearest one of all triangles that share it. The nearest point
-    of a sphere counts in any case: rounding may hide a triangle that shares it.
+    of a sphere counts in any case: rounding may hide a triangle that shares it. A sphere whose centre is behind a
+    feature with a side has one contact, at its nearest point, that pushes it out to the front.
 
     Parameters
     ----------
     vertices, triangles, order, boxes, features, sharers
         Of `Surface` and its `Tree`.
+    sheet : ndarray of bool, shape (f,)
+        The features that are solid from both sides.
     centres, radii : ndarray, shapes (n, 3) and (n,)
         The spheres [m].
     reach : ndarray, shape (n,)
         Up to which distance from each centre triangles are looked at [m].
     tolerance : float
         The greatest gap of a contact [m].
+    deepest : float
+        How many radii a centre may be behind a feature; deeper ones meet it as a sheet, from behind.
     triangle, number, distance, foot, rank
         Scratch; see `near_triangles`.
     sphere, gap, point, normal : ndarray, shapes (k,), (k,), (k, 3), (k, 3)
@@ -239,40 +297,56 @@ def mesh_contacts(
     most : int
         The most triangles about one sphere; if there is no room for them, the count is wrong.
     """
-    count, most = 0, 0
+    count, most, outward = 0, 0, np.empty(3)
     for i in range(len(radii)):
         found = near_triangles(
             vertices, triangles, order, boxes, features, centres, i, reach[i], triangle, number, distance, foot, rank
         )
-        most, closest, k = max(most, found), np.inf, 0
+        most, closest = max(most, found), np.inf
         found = min(found, len(triangle))
         sort_by_feature(triangle, number, distance, found, rank)
         for j in range(found):
             closest = min(closest, distance[j])
-        while k < found:
-            # the nearest of all triangles that share a feature, and how many of them have their nearest point there
-            near, shared = rank[k], 1
-            while k + shared < found and number[rank[k + shared]] == number[near]:
-                shared += 1
-            k += shared
-            apart = distance[near] - radii[i]
-            if not apart <= tolerance or (shared < sharers[number[near]] and distance[near] != closest):
-                continue
-            if count < len(sphere):
-                sphere[count], gap[count], length = i, apart, distance[near]
-                for x in range(3):
-                    normal[count, x] = centres[i, x] - foot[near, x]
-                if length == 0.0:
-                    # a centre on the mesh leaves along the normal of the triangle
-                    a, b, c = triangles[triangle[near], 0], triangles[triangle[near], 1], triangles[triangle[near], 2]
+        # on the first pass the nearest feature says whether the centre is behind it
+        behind, deep = False, False
+        for look in range(2):
+            k, done = 0, False
+            while k < found and not done:
+                # the nearest of all triangles that share a feature, and how many of them have their nearest point there
+                first, near, shared = k, rank[k], 1
+                while k + shared < found and number[rank[k + shared]] == number[near]:
+                    shared += 1
+                k += shared
+                length = distance[near]
+                nearest = length == closest
+                if not nearest and (look == 0 or behind or shared < sharers[number[near]]):
+                    continue
+                side = 0.0
+                if not sheet[number[near]]:
+                    feature_normal(vertices, triangles, triangle, rank, first, shared, number[near], outward)
                     for x in range(3):
-                        y, z = (x + 1) % 3, (x + 2) % 3
-                        normal[count, x] = (vertices[b, y] - vertices[a, y]) * (vertices[c, z] - vertices[a, z])
-                        normal[count, x] -= (vertices[b, z] - vertices[a, z]) * (vertices[c, y] - vertices[a, y])
-                        length += normal[count, x] ** 2
-                    length = np.sqrt(length)
-                for x in range(3):
-                    normal[count, x] /= length
-                    point[count, x] = centres[i, x] - (radii[i] + 0.5 * apart) * normal[count, x]
-            count += 1
+                        side += (centres[i, x] - foot[near, x]) * outward[x]
+                if look == 0:
+                    behind, done = side < 0.0, True
+                    if behind and length > deepest * radii[i]:
+                        behind, deep = False, True
+                    continue
+                if side < 0.0 and not (behind or deep):
+                    # the back of what is thin
+                    continue
+                done = behind
+                sign = -1.0 if behind else 1.0
+                apart = sign * length - radii[i]
+                if not apart <= tolerance:
+                    continue
+                if count < len(sphere):
+                    sphere[count], gap[count] = i, apart
+                    if length == 0.0 and sheet[number[near]]:
+                        # a centre on the mesh leaves along the normal of the triangle
+                        feature_normal(vertices, triangles, triangle, rank, first, 1, number[near], outward)
+                    known = length == 0.0 or (not (sheet[number[near]] or deep) and length < _ON_IT * radii[i])
+                    for x in range(3):
+                        normal[count, x] = outward[x] if known else sign * (centres[i, x] - foot[near, x]) / length
+                        point[count, x] = centres[i, x] - (radii[i] + 0.5 * apart) * normal[count, x]
+                count += 1
     return count, most

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from functools import cached_property
 from typing import NamedTuple
 
@@ -38,14 +39,17 @@ class Tree(NamedTuple):
 
 
 class Surface:
-    """A triangle mesh: a sheet without thickness that spheres touch from both sides.
+    """A triangle mesh: a sheet without thickness that is touched from both sides, or the skin of something solid.
 
     Parameters
     ----------
     vertices : array_like, shape (v, 3)
         Points [m]; coincident ones are merged.
     triangles : array_like of int, shape (t, 3)
-        The three vertices of each triangle; triangles without an area are left out.
+        The three vertices of each triangle; triangles without an area are left out. Of a one-sided mesh they run
+        anticlockwise seen from the free side.
+    one_sided : bool or None
+        Whether it is solid behind its triangles; None: if it is closed.
 
     Attributes
     ----------
@@ -53,6 +57,10 @@ class Surface:
         Numbers of each triangle's corners, of its edges ab, bc and ca, and of its face.
     sharers : ndarray of int, shape (f,)
         Number of triangles that share each feature.
+    rim : ndarray of bool, shape (f,)
+        The edges that are not shared by two triangles in opposite directions, and their ends: they have no side.
+    closed : bool
+        Whether there is no rim.
 
     Raises
     ------
@@ -62,7 +70,7 @@ class Surface:
 
     smooth = False
 
-    def __init__(self, vertices: Array, triangles: Array) -> None:
+    def __init__(self, vertices: Array, triangles: Array, one_sided: bool | None = False) -> None:
         points, corners = np.array(vertices, dtype=float), np.array(triangles)
         if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all() or not len(points):
             raise InputError(f"vertices has shape {points.shape}; finite numbers of shape (v, 3) are expected")
@@ -87,28 +95,57 @@ class Surface:
             bar.update()
             self.features, self.sharers = _features(self.triangles, len(points))
             bar.update(2)
-            # made here so that the bar shows its time too
-            self.tree  # noqa: B018
+            self.tree = tree_of(self.vertices, self.triangles)
             bar.update()
+        self.one_sided = self.closed if one_sided is None else one_sided
+
+    @classmethod
+    def one_sided_of(cls, vertices: Array, faces: tuple[Array, Array, Array, Array], tree: Tree) -> Surface:
+        """Return a one-sided mesh of which all is known; `faces` are triangles, features, sharers and rim."""
+        new = object.__new__(cls)
+        new.vertices, new.one_sided, new.tree = vertices, True, tree
+        new.triangles, new.features, new.sharers, new.rim = faces
+        return new
 
     def placed(self, rotation: Array, position: Array) -> Surface:
         """Return the mesh turned, then moved [m]."""
-        new = object.__new__(Surface)
-        new.vertices, new.triangles = self.vertices @ rotation.T + position, self.triangles
-        new.features, new.sharers = self.features, self.sharers
-        if np.array_equal(new.vertices, self.vertices):
-            new.tree = self.tree
+        new = copy.copy(self)
+        new.__dict__.pop("bound", None)
+        order, boxes = self.tree
+        if np.array_equal(rotation, np.eye(3)):
+            new.vertices = self.vertices + position
+            new.tree = Tree(order, boxes + np.tile(position, 2))
+        else:
+            new.vertices = self.vertices @ rotation.T + position
+            new.tree = Tree(order, boxes_about(*_extents(new.vertices, self.triangles[order])))
         return new
+
+    @cached_property
+    def rim(self) -> Array:
+        """Which features have no side; see above."""
+        first, edges = len(self.vertices), self.features[:, 3:6]
+        forward = np.where(self.triangles < self.triangles[:, [1, 2, 0]], 1.0, -1.0)
+        both = np.bincount(edges.ravel(), forward.ravel(), len(self.sharers)) == 0.0
+        found = ~(both & (self.sharers == 2))
+        found[first + self._edges :] = False
+        found[:first] = False
+        found[self.triangles[found[edges]]] = True
+        found[self.triangles[:, [1, 2, 0]][found[edges]]] = True
+        return found
+
+    @property
+    def _edges(self) -> int:
+        return len(self.sharers) - len(self.vertices) - len(self.triangles)
+
+    @property
+    def closed(self) -> bool:
+        """Whether each edge is shared by two triangles in opposite directions."""
+        return not self.rim.any()
 
     @cached_property
     def bound(self) -> float:
         """Radius of a ball about the frame's origin that holds the mesh [m]."""
         return float(np.sqrt((self.vertices**2).sum(axis=1).max()))
-
-    @cached_property
-    def tree(self) -> Tree:
-        """The tree of the triangles."""
-        return _tree_of(self.vertices, self.triangles)
 
 
 def _first_of_each(grid: Array) -> tuple[Array, Array]:
@@ -132,25 +169,40 @@ def _features(triangles: Array, vertices: int) -> tuple[Array, Array]:
     return features, np.bincount(features.ravel(), minlength=faces[-1] + 1)
 
 
-def _tree_of(vertices: Array, triangles: Array) -> Tree:
+def tree_of(vertices: Array, triangles: Array) -> Tree:
     """Return the tree of triangles, halved along a Morton curve through the middles of their boxes."""
-    a, b, c = (vertices[triangles[:, k]] for k in range(3))
-    lower, upper = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
+    lower, upper = _extents(vertices, triangles)
     middle = 0.5 * lower + 0.5 * upper
     low, high = middle.min(axis=0), middle.max(axis=0)
     # a mesh without extent along an axis has zeros there
     cells = ((middle - low) * ((2**_BITS - 1) / np.maximum(high - low, 1e-300))).astype(np.int64)
-    curve = np.zeros(len(triangles), np.int64)
-    for axis in range(3):
+    order = curve_order(cells)
+    return Tree(order, boxes_about(lower[order], upper[order]))
+
+
+def _extents(vertices: Array, triangles: Array) -> tuple[Array, Array]:
+    """Return the least and the largest coordinates of each triangle, shapes (t, 3)."""
+    a, b, c = (vertices[triangles[:, k]] for k in range(3))
+    return np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
+
+
+def curve_order(cells: Array) -> Array:
+    """Return the order along a Morton curve of cells, integers below 2^21 of shape (n, 2) or (n, 3)."""
+    curve = np.zeros(len(cells), np.int64)
+    for axis in range(cells.shape[1]):
         x = cells[:, axis]
         # two zeros behind each bit
         for shift, mask in ((32, 0x1F00000000FFFF), (16, 0x1F0000FF0000FF), (8, 0x100F00F00F00F00F),
                             (4, 0x10C30C30C30C30C3), (2, 0x1249249249249249)):  # fmt: skip
             x = (x | x << shift) & mask
         curve |= x << axis
-    order = np.argsort(curve, kind="stable")
+    return np.argsort(curve, kind="stable")
+
+
+def boxes_about(lower: Array, upper: Array, few: int = FEW) -> Array:
+    """Return the boxes of `Tree` about things with these extents, shape (n, 3), `few` of them in each of the last."""
     leaves = 1
-    while leaves * FEW < len(order):
+    while leaves * few < len(lower):
         leaves *= 2
     boxes = np.empty((2 * leaves, 6))
     for side, corner, extreme, empty in (
@@ -158,8 +210,8 @@ def _tree_of(vertices: Array, triangles: Array) -> Tree:
         (slice(3, 6), upper, np.maximum, -np.inf),
     ):
         # an empty box holds no point
-        part = np.full((leaves * FEW, 3), empty)
-        part[: len(order)] = corner[order]
+        part = np.full((leaves * few, 3), empty)
+        part[: len(corner)] = corner
         while len(part) > leaves:
             part = extreme(part[::2], part[1::2])
         while len(part) > 1:
@@ -167,4 +219,4 @@ def _tree_of(vertices: Array, triangles: Array) -> Tree:
             part = extreme(part[::2], part[1::2])
         boxes[1, side] = part
     boxes[0] = boxes[1]
-    return Tree(order, boxes)
+    return boxes

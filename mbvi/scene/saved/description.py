@@ -29,7 +29,6 @@ from ...geometry.shapes.shapes import (
     PlacedShape,
     Sphere,
 )
-from ...geometry.shapes.triangles import Surface
 from ...system import parts_of
 from ...system.actuators import Actuators, DrivenActuators
 from ...system.joint_forces import JointForce
@@ -40,6 +39,7 @@ from ..model import Start
 from ..reductions import Omission, checked_reductions
 from ..urdf.robot import Robot, build_model
 from .given_again import LOST, GivenAgain, LostControl, LostForce, LostInputs, LostSceneControl
+from .terrain import mesh_back, mesh_data
 
 if TYPE_CHECKING:
     from ...problem import Problem
@@ -246,13 +246,11 @@ def _body_back(data: dict[str, Any], shapes: list[Convex]) -> BodyItem:
 
 
 def _surface(item: SurfaceItem) -> dict[str, Any]:
-    mesh = {"vertices": item.surface.vertices.tolist(), "triangles": item.surface.triangles.tolist()}
-    return {**_plain(item.__dict__), "surface": mesh, "motion": _motion(item.motion)}
+    return {**_plain(item.__dict__ | mesh_data(item)), "motion": _motion(item.motion)}
 
 
 def _surface_back(data: dict[str, Any]) -> SurfaceItem:
-    mesh = Surface(*(np.array(data["surface"][part]) for part in ("vertices", "triangles")))
-    return SurfaceItem(**{**_arrays(data), "surface": mesh, "motion": _motion_back(data["motion"])})
+    return SurfaceItem(**{**_arrays(data), **mesh_back(data), "motion": _motion_back(data["motion"])})
 
 
 def _motion(motion: Motion | None) -> dict[str, Any] | None:

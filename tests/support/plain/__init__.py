@@ -32,7 +32,12 @@ from support.plain.tree import (
     factor_plain,
     solve_plain,
 )
-from support.plain.triangles import mesh_contacts_plain, mesh_distances_plain, nearest_on_triangle_plain
+from support.plain.triangles import (
+    feature_normal_plain,
+    mesh_contacts_plain,
+    mesh_distances_plain,
+    nearest_on_triangle_plain,
+)
 from support.plain.turning import (
     accelerations_plain,
     chart_rates_plain,
@@ -83,6 +88,7 @@ PLAIN = {
     "refine_subset": refine_subset_plain,
     "integrate": moved_plain,
     "mesh_contacts": mesh_contacts_plain,
+    "feature_normal": feature_normal_plain,
     "mesh_distances": mesh_distances_plain,
     "nearest_on_triangle": nearest_on_triangle_plain,
     "outermost": outermost_plain,

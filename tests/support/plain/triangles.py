@@ -62,10 +62,30 @@ def mesh_distances_plain(
     distance[:] = all_distances(vertices, triangles, centres)[0].min(axis=1)
 
 
+def feature_normal_plain(
+    vertices: Array, triangles: Array, triangle: Array, rank: Array, first: int, shared: int, number: int, normal: Array
+) -> None:
+    """Write the normal of a feature; see `outward_at`."""
+    normal[:] = outward_at(vertices, triangles[triangle[rank[first : first + shared]]], number)
+
+
+def outward_at(vertices: Array, triangles: Array, number: int) -> Array:
+    """Return the mean of the normals of some triangles, at a corner weighted by their angles there, shape (3,)."""
+    total = np.zeros(3)
+    for t in triangles.tolist():
+        corner = t.index(number) if number in t else 0
+        a, b, c = vertices[[t[corner], t[corner - 2], t[corner - 1]]]
+        n, angle = np.cross(b - a, c - a), 1.0
+        if number < len(vertices):
+            angle = np.arccos(np.clip((b - a) @ (c - a) / np.linalg.norm(b - a) / np.linalg.norm(c - a), -1.0, 1.0))
+        total += angle * n / np.linalg.norm(n)
+    return total / np.linalg.norm(total)
+
+
 def mesh_contacts_plain(
-    vertices: Array, triangles: Array, order: Array, boxes: Array, features: Array, sharers: Array, centres: Array,
-    radii: Array, reach: Array, tolerance: float, triangle: Array, number: Array, distance: Array, foot: Array,
-    rank: Array, sphere: Array, gap: Array, point: Array, normal: Array,
+    vertices: Array, triangles: Array, order: Array, boxes: Array, features: Array, sharers: Array, sheet: Array,
+    centres: Array, radii: Array, reach: Array, tolerance: float, deepest: float, triangle: Array, number: Array,
+    distance: Array, foot: Array, rank: Array, sphere: Array, gap: Array, point: Array, normal: Array,
 ) -> tuple[int, int]:  # fmt: skip
     """Write the contacts of spheres with a mesh; return how many there are, and the most triangles about a sphere."""
     away, feature, feet = all_distances(vertices, triangles, centres)
@@ -73,19 +93,37 @@ def mesh_contacts_plain(
     for i, r in enumerate(radii):
         near = np.flatnonzero(away[i] <= reach[i])
         most = max(most, len(near))
-        numbers = features[near, feature[i, near]]
+        if not near.size:
+            continue
+        numbers, closest = features[near, feature[i, near]], away[i, near].min()
+        found = []
         for f in np.unique(numbers):
             sharing = near[numbers == f]
             k = sharing[away[i, sharing].argmin()]
-            whole = len(sharing) >= sharers[f] or away[i, k] == away[i, near].min()
-            if not whole or away[i, k] - r > tolerance:
+            out = None if sheet[f] else outward_at(vertices, triangles[sharing], f)
+            side = 0.0 if out is None else (centres[i] - feet[i, k]) @ out
+            if len(sharing) >= sharers[f] or away[i, k] == closest:
+                found.append((k, out, side))
+        first = next(one for one in found if away[i, one[0]] == closest)
+        deep = closest > deepest * r
+        behind = first[2] < 0.0
+        if behind and not deep:
+            found = [first]
+        elif not behind:
+            found = [one for one in found if one[2] >= 0.0]
+        for k, out, _ in found:
+            sign = -1.0 if behind and not deep else 1.0
+            apart = sign * away[i, k] - r
+            if apart > tolerance:
                 continue
-            n = centres[i] - feet[i, k]
+            n = sign * (centres[i] - feet[i, k])
             if away[i, k] == 0.0:
                 a, b, c = vertices[triangles[k]]
-                n = np.cross(b - a, c - a)
-            sphere[count], gap[count] = i, away[i, k] - r
+                n = np.cross(b - a, c - a) if out is None else out
+            elif out is not None and not (behind and deep) and away[i, k] < 1e-9 * r:
+                n = out
+            sphere[count], gap[count] = i, apart
             normal[count] = n / np.linalg.norm(n)
-            point[count] = centres[i] - (r + 0.5 * gap[count]) * normal[count]
+            point[count] = centres[i] - (r + 0.5 * apart) * normal[count]
             count += 1
     return count, most
