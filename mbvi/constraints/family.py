@@ -77,6 +77,8 @@ class ConstraintFamily(ABC):
     thickness : ndarray, shape (size,), or float
         The least travel within which bodies can pass through each other [m]; infinite where they never can, or where
         the tunnelling guard shall not check.
+    hollow : bool
+        Whether bodies of a pair may touch, part, and touch elsewhere within a step: one is not convex.
     tracked : bool
         Whether the rows can be listed one by one, as `EventDriven` needs them.
     skips_resting : bool
@@ -97,6 +99,7 @@ class ConstraintFamily(ABC):
     of_joints: bool = False
     moving: bool = False
     thickness: Array | float = np.inf
+    hollow: bool = False
     tracked: bool = True
     skips_resting: bool = False
     some_rest: bool = False

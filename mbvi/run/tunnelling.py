@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
@@ -22,6 +22,8 @@ RUNAWAY = 1e16
 DEPTH = 1e-3
 # most shortened steps within one step, and the remaining part of a step that is not shortened again
 _MOST_SHORTENED, _LEAST_REST = 100, 1e-9
+# how much deeper bodies that are not convex get before a step is shortened, in thicknesses
+_DEEP = 0.25
 
 
 class TunnellingGuard:
@@ -174,6 +176,8 @@ class TunnellingGuard:
         tolerance, start = self._problem.tolerance, gap(0.0)
         short = min(DEPTH * thickness / travel, 1.0)
         begin, near = 0.0, max(tolerance, 0.1 * DEPTH * thickness)
+        if family.hollow:
+            return _enters(gap, start, near, travel, thickness, short)
         if start <= tolerance:
             # a pair that touches at the start: it passes only if its gap falls, and a short step lets the law act on it
             begin, rise = short, gap(short) - start
@@ -181,3 +185,21 @@ class TunnellingGuard:
                 return short if rise < -near else 1.0
         x = begin + first_root_by_slope(lambda x: gap(begin + x), 1.0 - begin, travel)
         return min(x + short, 1.0) if x < 1.0 and gap(x) <= near else 1.0
+
+
+def _enters(
+    gap: Callable[[float], float], start: float, near: float, travel: float, thickness: float, short: float
+) -> float:
+    """Return the share of a displacement just after a pair touches, or goes deeper, before it is `_DEEP`; 1 if never.
+
+    Bodies that are not convex may part or slide along each other and meet again elsewhere within a step.
+    """
+    deep = _DEEP * thickness + max(-start, 0.0)
+    high = first_root_by_slope(lambda x: gap(x) + deep, 1.0, travel)
+    if high >= 1.0:
+        return 1.0
+    low, level = 0.0, min(start, near) - near
+    while high - low > short:
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if gap(middle) < level else (middle, high)
+    return min(high + short, 1.0)

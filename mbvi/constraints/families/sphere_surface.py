@@ -55,6 +55,7 @@ class SphereSurface(ConstraintFamily):
 
     # the nearest feature of the mesh changes along the motion
     smooth = False
+    hollow = True
 
     def __init__(
         self,
