@@ -222,13 +222,14 @@ def test_forces_act_at_the_centre_of_mass_of_a_body(tmp_path):
 
 REST = """<mujoco model="rest"><option density="1.2"><flag gravity="disable"/></option>
   <asset><hfield name="hills" nrow="2" ncol="2" size="1 1 1 .1" elevation="0 0 0 1"/></asset>
-  <worldbody><geom type="hfield" hfield="hills"/><site name="s"/><light/><camera name="c"/>
+  <worldbody><site name="s"/><light/><camera name="c"/>
     <body name="a" gravcomp="1"><joint name="j" stiffness="3" frictionloss=".1"/>
       <geom name="g" size=".1" margin=".01" solref=".01 1"/>
       <body name="b" pos="1 0 0"><joint name="k" type="ball" range="0 1" limited="true" frictionloss=".1"/>
         <geom size=".1" condim="6"/></body>
     </body>
     <body pos="9 0 0"><joint name="f" type="free" stiffness="2"/><geom size=".1"/></body>
+    <body pos="7 0 0"><joint/><geom type="hfield" hfield="hills"/><geom size=".1"/></body>
     <body name="m" mocap="true" pos="5 0 0"><geom size=".1"/></body></worldbody>
   <tendon><fixed name="t" limited="true" range="0 1"><joint joint="j" coef="1"/></fixed></tendon>
   <equality><joint joint1="j"/></equality><actuator><motor joint="f"/></actuator><sensor><jointpos joint="j"/></sensor>
@@ -342,3 +343,42 @@ def test_a_locked_joint_holds_its_links_even_if_a_body_has_its_name(tmp_path):
     model = problem.system.model
     ours = pin.crba(model, model.createData(), problem.q0, pin.Convention.WORLD)
     np.testing.assert_allclose(np.triu(ours), np.triu(mass[:2, :2]), atol=1e-14)
+
+
+HILLS = """<mujoco><asset><hfield name="hills" nrow="3" ncol="4" size="2 1 .5 .1" elevation="0 .2 .4 1 .3 .9 .1 .2 .5 .6 .7 .8"/>
+  {asset}</asset><worldbody><geom name="ground" type="hfield" hfield="{hfield}" pos=".3 -.2 .4" euler="0 0 30" friction=".7"/>
+  <body name="ball" pos=".3 -.2 3"><freejoint/><geom size=".1" friction=".2"/></body></worldbody></mujoco>"""  # noqa: E501
+
+
+def rays(m, places):
+    """Heights of what MuJoCo sees from above."""
+    d, hit = mujoco.MjData(m), np.zeros(1, np.int32)
+    mujoco.mj_forward(m, d)
+    down = np.array([0.0, 0.0, -1.0])
+    return np.array([9.0 - mujoco.mj_ray(m, d, np.array([x, y, 9.0]), down, None, 1, 1, hit) for x, y in places])
+
+
+@pytest.mark.parametrize("kind", ["elevation", "picture"])
+def test_a_height_field_has_mujocos_heights(kind, tmp_path):
+    rng = np.random.default_rng(3)
+    if kind == "picture":
+        from PIL import Image
+
+        Image.fromarray(rng.integers(0, 256, (7, 5)).astype(np.uint8)).save(tmp_path / "hills.png")
+    asset = '<hfield name="map" file="hills.png" size="2 1 .5 .1"/>' if kind == "picture" else ""
+    file = tmp_path / "hills.xml"
+    file.write_text(HILLS.format(asset=asset, hfield="map" if kind == "picture" else "hills"))
+    m, scene = mujoco.MjModel.from_xml_path(str(file)), mbvi.Scene()
+    scene.add_mjcf(file)
+    problem = scene.build()
+    assert "base and sides of ground" in problem.report() and "ground" in repr(scene)
+    (family,) = problem.constraints.constraints
+    assert family.friction_of(np.array([0])) == pytest.approx(0.7)
+    turn = pin.rpy.rpyToMatrix(0.0, 0.0, np.pi / 6)
+    inside = rng.uniform((-1.9, -0.9), (1.9, 0.9), (60, 2)) @ turn[:2, :2].T + (0.3, -0.2)
+    q = problem.q0.copy()
+    for (x, y), z in zip(inside, rays(m, inside), strict=True):
+        # a point is on the surface where the sign of its distance changes
+        q[:3] = x, y, z
+        low, high = (family.gap(0.0, q + np.eye(7)[2] * dz)[0] + 0.1 for dz in (-1e-6, 1e-6))
+        assert low < 0.0 < high

@@ -98,8 +98,8 @@ class MjcfModels:
         Returns
         -------
         str
-            The name of all that moves, "name/body" its links. Planes, and shapes of the world that carry nothing, have
-            the names of their geoms.
+            The name of all that moves, "name/body" its links. Planes, height fields, and shapes of the world that carry
+            nothing, have the names of their geoms.
 
         Raises
         ------
@@ -158,8 +158,9 @@ class MjcfModels:
         return own
 
     def _add_world(self, found: MjcfModel) -> None:
-        """Add the walls, static shapes and friction of a file."""
+        """Add the walls, height fields, static shapes and friction of a file."""
         self._items.walls.update(found.walls)
+        self._items.surfaces += found.fields.values()
         zero = np.zeros(3)
         for name, s in found.statics.items():
             inertia = s.shape.inertia(1.0)

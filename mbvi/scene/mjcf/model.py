@@ -16,6 +16,7 @@ import pinocchio as pin
 from ...arguments import shown
 from ...errors import InputError, MjcfError
 from ...geometry.shapes.shapes import Array, HalfSpace, PlacedShape
+from ..items import SurfaceItem
 from ..reductions import Omission
 from ..urdf.robot import Robot
 from .equalities import MjcfEqualities, equalities_of
@@ -41,6 +42,8 @@ class MjcfModel:
         Where the file puts a free base.
     walls : dict of str to HalfSpace
         Planes of the world, by the names that the file gives them.
+    fields : dict of str to SurfaceItem
+        Height fields of the world, likewise.
     statics : dict of str to PlacedShape
         Shapes of the world that carry nothing.
     friction : dict of frozenset of str to tuple
@@ -63,6 +66,7 @@ class MjcfModel:
     base: str
     pose: pin.SE3
     walls: dict[str, HalfSpace]
+    fields: dict[str, SurfaceItem]
     statics: dict[str, PlacedShape]
     friction: dict[frozenset[str], Coefficients]
     gravity: Array
@@ -146,9 +150,10 @@ def load_mjcf(
     ignored = (*ignored, *(one.what for one in (*equalities.omitted, *forces.omitted)))
     gravity = np.zeros(3) if disabled(m, "GRAVITY") else pose.rotation @ m.opt.gravity
     kind = "free" if free else "fixed"
-    walls, statics, friction = geoms.walls, geoms.statics, geoms.friction(rolling)
+    walls, fields, statics, friction = geoms.walls, geoms.fields, geoms.statics, geoms.friction(rolling)
     return MjcfModel(
-        robot, kind, base, walls, statics, friction, gravity, ignored, velocity, equalities, forces, ctrl[forces.inputs]
+        robot, kind, base, walls, fields, statics, friction, gravity, ignored, velocity, equalities, forces,
+        ctrl[forces.inputs],
     )  # fmt: skip
 
 

@@ -10,6 +10,7 @@ import pinocchio as pin
 
 from ...arguments import made_label
 from ...errors import InputError, MjcfError
+from ...geometry.shapes.height_field import height_field
 from ...geometry.shapes.shapes import (
     Array,
     Box,
@@ -22,6 +23,7 @@ from ...geometry.shapes.shapes import (
     PlacedShape,
     Sphere,
 )
+from ..items import SurfaceItem
 from ..meshes.visual import LARGEST_LENGTH
 from ..reductions import Omission
 from ..urdf.self_pairs import Overlaps, poses_of
@@ -53,8 +55,8 @@ class Geoms:
     ----------
     shapes : list of PlacedShape
         Those of the robot.
-    statics, walls : dict of str to PlacedShape or HalfSpace
-        Those of the world that carry nothing.
+    statics, walls, fields : dict of str to PlacedShape, HalfSpace, or SurfaceItem
+        Those of the world that carry nothing; planes and height fields of all static bodies.
     omitted : list of Omission
         What was left out or replaced.
     ignored : list of str
@@ -77,6 +79,7 @@ class Geoms:
         self.shapes: list[PlacedShape] = []
         self.statics: dict[str, PlacedShape] = {}
         self.walls: dict[str, HalfSpace] = {}
+        self.fields: dict[str, SurfaceItem] = {}
         self.omitted: list[Omission] = []
         self.ignored: list[str] = []
         # geoms by their labels, in the order in which the scene holds their shapes
@@ -93,10 +96,14 @@ class Geoms:
             if g in seen:
                 continue
             body = int(m.geom_bodyid[g])
-            wall = m.geom_type[g] == _PLANE and joint[body] == 0
+            wall = m.geom_type[g] in (_PLANE, _HEIGHTS) and joint[body] == 0
             of_robot = body in carriers and not wall
             label = self._label(g, body, f"{name}/" if of_robot else "", seen)
             pose = place[body] * placement(m.geom_pos[g], m.geom_quat[g])
+            if wall and m.geom_type[g] == _HEIGHTS:
+                self.fields[label] = self._field(g, label, pose)
+                self._geom[label] = g
+                continue
             if wall:
                 normal = pose.rotation[:, 2]
                 self.walls[label] = HalfSpace(tuple(normal.tolist()), float(normal @ pose.translation))
@@ -112,6 +119,17 @@ class Geoms:
             else:
                 self.statics[label] = placed
             self._geom[label] = g
+
+    def _field(self, g: int, label: str, pose: pin.SE3) -> SurfaceItem:
+        """Return a height field; MuJoCo holds its heights in [0, 1], row after row along x from the least y."""
+        m, k = self._m, int(self._m.geom_dataid[g])
+        rows, columns, first = int(m.hfield_nrow[k]), int(m.hfield_ncol[k]), int(m.hfield_adr[k])
+        along_x, along_y, top, _ = m.hfield_size[k].tolist()
+        heights = top * np.array(m.hfield_data[first : first + rows * columns], dtype=float).reshape(rows, columns)
+        size = 2.0 * along_x, 2.0 * along_y
+        self.omitted.append(Omission(f"base and sides of {label}", "the surface alone bears"))
+        surface, turn, place = height_field(heights, size), pose.rotation.copy(), pose.translation.copy()
+        return SurfaceItem(label, surface, place, turn, None, heights, size)
 
     def _carriers(self) -> set[int]:
         """Return the bodies that move, and the static ones that something moves on; not the world."""
@@ -163,7 +181,7 @@ class Geoms:
         elif kind == _BOX:
             shape = Box((2.0 * a, 2.0 * b, 2.0 * c))
         else:
-            what = _KINDS[kind] + (" on a body that moves" if kind == _PLANE else "")
+            what = _KINDS[kind] + (" on a body that moves" if kind in (_PLANE, _HEIGHTS) else "")
             self.omitted.append(Omission(f"shape {label}", f"a {what} is not taken"))
             self.ignored.append(f"shape {label}, a {what}")
             return None
@@ -205,7 +223,7 @@ class Geoms:
             return found
         # said once for all pairs
         mu = next(iter(found.values()))
-        return {frozenset((self._name, other)): mu for other in (self._name, *self.statics, *self.walls)}
+        return {frozenset((self._name, other)): mu for other in (self._name, *self.statics, *self.walls, *self.fields)}
 
     def _pairs(self) -> Iterator[tuple[str, str, int, int]]:
         """Yield pairs of labels and their geoms: of shapes, then of walls and shapes."""
@@ -214,7 +232,7 @@ class Geoms:
             for b in shapes[k + 1 :]:
                 if a not in self.statics:
                     yield a, b, self._geom[a], self._geom[b]
-        for wall in self.walls:
+        for wall in (*self.walls, *self.fields):
             for s in self.shapes:
                 yield wall, s.name, self._geom[wall], self._geom[s.name]
 
