@@ -162,7 +162,7 @@ def plate_mesh(wall: HalfSpace, others: Sequence[HalfSpace], lower: Array, upper
     corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]) * (upper - lower) + lower
     flat = corners @ plane.T
     longest = float((upper - lower).max())
-    cell = _round_number(longest / _CELLS)
+    cell = round_number(longest / _CELLS)
     first = np.floor((flat.min(axis=0) - _BEYOND * longest) / cell).astype(int)
     last = np.ceil((flat.max(axis=0) + _BEYOND * longest) / cell).astype(int)
     points: list[Array] = []
@@ -185,14 +185,13 @@ def plate_mesh(wall: HalfSpace, others: Sequence[HalfSpace], lower: Array, upper
 
 
 def sheet_mesh(surface: Surface) -> g.Mesh:
-    """Return a mesh as it is, seen from both sides and through."""
-    material = g.MeshPhongMaterial(
-        color=_SHEET_COLOR, opacity=0.3, transparent=True, side=_BOTH, depthWrite=False, flatShading=True
-    )
+    """Return a mesh as it is, seen from both sides, and through unless it is solid."""
+    seen = {} if surface.one_sided else {"opacity": 0.3, "transparent": True, "depthWrite": False}
+    material = g.MeshPhongMaterial(color=_SHEET_COLOR, side=_BOTH, flatShading=True, **seen)
     return g.Mesh(g.TriangularMeshGeometry(surface.vertices, surface.triangles), material)
 
 
-def _round_number(length: float) -> float:
+def round_number(length: float) -> float:
     """Return the largest of 1, 2, 5 times a power of ten that is not above a length."""
     power = 10.0 ** np.floor(np.log10(length))
     return power * max(n for n in (1.0, 2.0, 5.0) if n * power <= length * (1.0 + 1e-9))

@@ -29,6 +29,7 @@ from .meshes import (
 from .motion import Array, Motion, bounds, motion, scene_of, shapes_of
 from .nodes import cast_shadow, label
 from .page import Page
+from .terrain import field_meshes
 
 if TYPE_CHECKING:
     from ...geometry.shapes.shapes import PlacedShape
@@ -234,8 +235,11 @@ def _draw_walls(vis: meshcat.Visualizer, scene: SceneModel, lower: Array, upper:
         cast_shadow(node["<object>"], False)
     for k, item in enumerate(scene.surfaces):
         node = frames[id(item.motion)]["surfaces"][label(k, item.name)]
-        node.set_object(sheet_mesh(item.placed()))
+        surface, lines = (sheet_mesh(item.placed()), None) if item.heights is None else field_meshes(item)
+        node.set_object(surface)
         cast_shadow(node["<object>"], False)
+        if lines is not None:
+            node["contour lines"].set_object(lines)
 
 
 def _light(vis: meshcat.Visualizer) -> None:
