@@ -138,6 +138,64 @@ def test_what_rolls_over_the_rim_falls_off_beside_the_field():
     assert np.linalg.norm(run.v, axis=1).max() < np.sqrt(0.25 + 2 * G * (0.1 - z[-1])) + 1e-2
 
 
+@pytest.mark.parametrize("angle", [0.02, 0.3])
+@pytest.mark.parametrize("across", [0.0, 0.4])
+def test_at_an_inner_edge_a_ball_loses_the_speed_into_the_next_face_and_no_more(angle, across):
+    """Without gravity: from a flat face onto one that rises by an angle, at e = 0."""
+    scene = mbvi.Scene(gravity=(0, 0, 0))
+    heights = np.array([0.0, 0.0, np.tan(angle)])
+    scene.add_heightfield(np.tile(heights, (5, 1)), (2.0, 2.0))
+    scene.add_sphere(0.1, mass=1.0, position=(-0.5, -0.3, 0.1), velocity=(1.0, across, 0.0))
+    run = mbvi.simulate(scene.build(), mbvi.Centered(), step=1e-3, duration=1.0)
+    up = np.array([np.cos(angle), 0.0, np.sin(angle)])
+    np.testing.assert_allclose(run.v[-1], np.cos(angle) * up + [0, across, 0], atol=1e-9)
+    assert [impact.constraints for impact in run.impacts] == [("sphere | field",)]
+
+
+def test_over_an_outer_edge_a_slow_ball_loses_nothing():
+    """It turns about the edge while gravity holds it there, and keeps its energy."""
+    angle, r, speed = 0.3, 0.2, 0.3
+    problem = field_with_balls(
+        np.tile([0.0, 0.0, -np.tan(angle)], (5, 1)), [-0.05, 0.0, r], r, (2.0, 2.0), (speed, 0, 0)
+    )
+    run = mbvi.simulate(problem, mbvi.Centered(), step=2e-4, duration=0.5)
+    energy = 0.5 * (run.v**2).sum(axis=1) + G * run.q[:, 2]
+    # the scheme's own error of second order
+    assert run.q[-1, 0] > 0.1 and np.abs(energy - energy[0]).max() < 1e-3 * 0.5 * speed**2
+
+
+def bowl(points):
+    x = np.linspace(-0.7, 0.7, points)
+    return 1.0 - np.sqrt(1.0 - np.add.outer(x**2, x**2))
+
+
+def test_a_bowl_of_triangles_is_that_of_the_sphere_at_order_2_of_its_mesh():
+    """The gaps along the exact path of a pendulum."""
+    angle, worst = np.linspace(-0.5, 0.5, 101), []
+    path = np.stack([0.9 * np.sin(angle) * np.cos(0.3), 0.9 * np.sin(angle) * np.sin(0.3), 1 - 0.9 * np.cos(angle)], 1)
+    for points in (15, 29, 57, 113):
+        family = field_with_balls(bowl(points), [0, 0, 0.8], size=(1.4, 1.4)).constraints.constraints[0]
+        worst.append(max(abs(family.gap(0.0, q)[0]) for q in path))
+    ratios = np.array(worst[:-1]) / worst[1:]
+    assert (ratios > 3.9).all() and worst[-1] < 5e-5
+
+
+@pytest.mark.slow(seconds=10)
+def test_the_energy_lost_in_a_bowl_falls_at_order_1_of_its_mesh():
+    """A mesh of half the width has twice the inner edges, each of half the angle and a quarter of the loss."""
+    start, lost = np.array([0.9 * np.sin(0.5), 0.0, 1 - 0.9 * np.cos(0.5)]), []
+    turn = np.array([[np.cos(0.3), -np.sin(0.3), 0], [np.sin(0.3), np.cos(0.3), 0], [0, 0, 1]])
+    for points in (15, 29, 57):
+        scene = mbvi.Scene()
+        scene.add_heightfield(bowl(points), (1.4, 1.4))
+        scene.add_sphere(0.1, mass=1.0, position=turn @ start)
+        run = mbvi.simulate(scene.build(resolve=True), mbvi.Centered(), step=5e-4, duration=0.8)
+        energy = 0.5 * (run.v**2).sum(axis=1) + G * run.q[:, 2]
+        lost.append(energy[0] - energy[-1])
+    ratios = np.array(lost[:-1]) / lost[1:]
+    assert ((ratios > 1.6) & (ratios < 2.4)).all() and 0.0 < lost[-1] < 0.025
+
+
 # exact values
 
 

@@ -456,7 +456,11 @@ CALLS: dict[str, Call] = {
     ),
     "Scene.add_surface": _adds(
         "add_surface", mesh=_SHEET, triangles=[[0, 1, 2]], scale=1.0, position=(0.0, 0.0, -1.0), rotation=np.eye(3),
-        name="ground", motion=None,
+        name="ground", motion=None, one_sided=True,
+    ),
+    "Scene.add_heightfield": _adds(
+        "add_heightfield", heights=np.zeros((3, 4)), size=(4.0, 2.0), position=(0.0, 0.0, -1.0), rotation=np.eye(3),
+        name="hills", motion=None, height=None,
     ),
     "Scene.add_urdf": _adds(
         "add_urdf", path=HOPPER, base="free", position=(0.0, 0.0, 1.0), rotation=np.eye(3), joints={"knee": 0.4},
@@ -492,7 +496,7 @@ CALLS: dict[str, Call] = {
     "Scene.add_ellipsoid": _adds("add_ellipsoid", radii=(0.1, 0.2, 0.3), mass=1.0, **_BODY),
     "Scene.add_capsule": _adds("add_capsule", radius=0.1, length=0.3, mass=1.0, **_BODY),
     "Scene.add_cylinder": _adds("add_cylinder", radius=0.1, length=0.3, mass=1.0, **_BODY),
-    "Scene.add_mesh": _adds("add_mesh", path=mesh(), mass=1.0, scale=0.1, tolerance=1e-3, **_BODY),
+    "Scene.add_mesh": _adds("add_mesh", path=mesh(), mass=1.0, scale=0.1, tolerance=1e-3, convex=True, **_BODY),
     "Scene.add_spheres": _adds("add_spheres", positions=_PLACES, radius=0.1, mass=1.0, **_MANY),
     "Scene.add_boxes": _adds("add_boxes", positions=_PLACES, size=(0.1, 0.1, 0.1), mass=1.0, **_TURNING),
     "Scene.add_convex": _adds(
