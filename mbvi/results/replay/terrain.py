@@ -18,7 +18,7 @@ _LINES = 12
 _COLORS = np.array([[0.36, 0.52, 0.38], [0.66, 0.70, 0.46], [0.80, 0.69, 0.50], [0.93, 0.92, 0.90]])
 _LINE_COLOR = 0x4A4438
 # three.js numbers the sides that are drawn
-_BOTH = 2
+_FRONT = 0
 
 
 def field_meshes(item: SurfaceItem) -> tuple[g.Mesh, g.LineSegments | None]:
@@ -35,9 +35,9 @@ def field_meshes(item: SurfaceItem) -> tuple[g.Mesh, g.LineSegments | None]:
     low, extent = float(z.min()), float(np.ptp(z))
     share = (z - low) / extent if extent > 0.0 else np.full(z.size, 0.5)
     colors = np.stack([np.interp(share, np.linspace(0.0, 1.0, len(_COLORS)), one) for one in _COLORS.T], axis=1)
-    # the surface is drawn a little behind its lines
+    # as a wall it is drawn from its free side only, and a little behind its lines
     material = g.MeshPhongMaterial(
-        color=0xFFFFFF, vertexColors=True, side=_BOTH, flatShading=True, shininess=5, polygonOffset=True,
+        color=0xFFFFFF, vertexColors=True, side=_FRONT, flatShading=True, shininess=5, polygonOffset=True,
         polygonOffsetFactor=1, polygonOffsetUnits=1,
     )  # fmt: skip
     surface = g.Mesh(g.TriangularMeshGeometry(place, triangles, colors), material)
