@@ -132,9 +132,9 @@ def test_a_coloured_picture_is_refused(tmp_path):
         mbvi.Scene().add_heightfield(tmp_path / "red.png", (1, 1), height=1.0)
 
 
-def test_a_million_heights_are_added_in_seconds():
-    heights = np.random.default_rng(0).uniform(0.0, 0.1, (1000, 1000))
+def test_many_heights_are_added_at_once():
+    heights = np.random.default_rng(0).uniform(0.0, 0.1, (500, 500))
     scene, begin = mbvi.Scene(), time.process_time()
     scene.add_heightfield(heights, (100.0, 100.0))
-    # 1.2 s of a loaded machine
-    assert time.process_time() - begin < 6.0
+    # a quarter of the 1.3 s that a million heights take
+    assert time.process_time() - begin < 2.0
