@@ -14,6 +14,8 @@ from ..schemes.event_driven.contact_rows import SmoothRows
 from ..schemes.event_driven.motion_state import NO_ROWS
 from ..system.lengths import velocity_units
 from ..system.system import Array
+from .directions import Directions
+from .variation import LEAST
 
 # tolerance of the runs that are compared
 _TOLERANCE = 1e-12
@@ -35,7 +37,8 @@ class SensitivityCheck:
         The same by differences of order four.
     error : ndarray, shape (k,)
         The largest difference of both, in lengths of the scene and radians, relative to the largest entry of the
-        derivative or of the variation at the start.
+        derivative or of the variation at the start; by parameters at least 1e-3 of such a unit for a variation of the
+        size of the parameter: of a mass by itself, a place by the scene's length, a torque by what accelerates by 1.
     uncertainty : ndarray, shape (k,)
         An estimate of how much of that is the error of the differences.
     """
@@ -66,34 +69,38 @@ class VariedRuns:
         The problem.
     duration : float
         [s].
+    varied : Directions
+        The columns of the variations.
     start : ndarray, shape (2 nv, p)
-        The variations of the initial state.
-    by_e : ndarray, shape (m, p)
-        Those of the restitution of each constraint.
+        The variations of the initial state, with those that keep closed what is closed.
     closed : ndarray of int
         Rows that are closed at the start, in all runs.
     """
 
     problem: Problem
     duration: float
+    varied: Directions
     start: Array
-    by_e: Array
     closed: Array
 
     def compared(self, matrix: Array, count: int) -> SensitivityCheck:
         """Return the derivative at the end along some random directions, beside differences."""
         units = np.tile(velocity_units(self.problem.system, self.problem.length), 2)
-        size = np.abs(self.start / units[:, None]).max(axis=0)
+        size, sizes = np.abs(self.start / units[:, None]).max(axis=0), self.varied.sizes
+        of_p = self.varied.of_parameters
+        size = np.where(of_p, 1.0 / sizes, size)
         chosen = np.random.default_rng(0).normal(size=(matrix.shape[1], count))
         # e < 0 is no restitution, so that all of them grow
-        chosen = np.where(np.any(self.by_e, axis=0)[:, None], np.abs(chosen), chosen)
+        chosen = np.where(np.any(self.varied.by_e, axis=0)[:, None], np.abs(chosen), chosen)
         # a unit variation of each column has the size of a length of the scene or a radian
         chosen /= np.where(size > 0.0, size, 1.0)[:, None] * np.sqrt(len(chosen))
         derivative = matrix @ chosen
         found = [self._difference(direction, units) for direction in chosen.T]
         differences = np.array([one for one, _ in found]).T
-        sizes = [np.abs(one / units[:, None]).max(axis=0) for one in (derivative, self.start @ chosen)]
-        scale = np.where(np.maximum(*sizes) > 0.0, np.maximum(*sizes), 1.0)
+        found_sizes = [np.abs(one / units[:, None]).max(axis=0) for one in (derivative, self.start @ chosen)]
+        least = LEAST * np.abs(chosen / sizes[:, None])[of_p].max(axis=0, initial=0.0)
+        scale = np.maximum(np.maximum(*found_sizes), least)
+        scale = np.where(scale > 0.0, scale, 1.0)
         error = np.abs((differences - derivative) / units[:, None]).max(axis=0) / scale
         return SensitivityCheck(chosen, derivative, differences, error, np.array([one for _, one in found]) / scale)
 
@@ -113,7 +120,7 @@ class VariedRuns:
     def _quotients(self, change: Array, length: float) -> tuple[Array, Array]:
         """Return the difference quotients of order four and of order two."""
         centre = self._centre
-        if (2.0 * (self.by_e @ change)[self._rows.number] > self._rows.restitution).any():
+        if (2.0 * (self.varied.by_e @ change)[self._rows.number] > self._rows.restitution).any():
             # differences on one side
             one, two, four = (self._from(centre, x * change) for x in (1.0, 2.0, 4.0))
             return (32.0 * one - 12.0 * two + four) / (12.0 * length), (4.0 * one - two) / (2.0 * length)
@@ -136,11 +143,12 @@ class VariedRuns:
     def _end(self, change: Array) -> tuple[Array, Array]:
         """Return the state at the end of the run that starts varied."""
         problem, n = self.problem, self.problem.system.nv
-        dx = self.start @ change
-        varied = problem.at(problem.system.integrate(problem.q0, dx[:n]), problem.v0 + dx[n:], problem.t0)
+        dx, columns = self.start @ change, self.varied
+        varied = columns.parameters.varied(problem, columns.by_p @ (change / columns.sizes))
+        varied = varied.at(problem.system.integrate(problem.q0, dx[:n]), problem.v0 + dx[n:], problem.t0)
         varied.constraints.renew()
         integrator = EventDriven(_TOLERANCE).integrator(varied, Projector())
-        integrator.rows.restitution = integrator.rows.restitution + (self.by_e @ change)[integrator.rows.number]
+        integrator.rows.restitution = integrator.rows.restitution + (columns.by_e @ change)[integrator.rows.number]
         if self.closed.size:
             # closed contacts stay so to all orders of the variation, and not to the first one only
             integrator.closed = self.closed

@@ -11,6 +11,7 @@ import numpy as np
 from ..schemes.event_driven.motion_state import certain_rates
 from ..schemes.event_driven.runge_kutta import least_percussion
 from ..system.system import Array
+from .directions import Directions
 from .linearised import Linearised
 
 # cosines of kinetic angles below this count as zero, and above one less this as one
@@ -62,6 +63,10 @@ class Saltation:
     ----------
     linear : Linearised
         The derivatives of the motion.
+    varied : Directions
+        The columns of the variations.
+    length : float
+        That of the scene [m].
     slowest : float
         Impacts slower than this are refused as grazing: relative to the largest speed that the row could have at this
         speed of its bodies plus one length of the scene a second.
@@ -70,14 +75,16 @@ class Saltation:
 
     Notes
     -----
-    One row closes, at the rate J v- < 0: a variation x = (dq, dv) shifts the time by s = -J dq / (J v-), and what
+    One row closes, at the rate J v- < 0: a variation x = (dq, dv) shifts the time by s = -(J dq + df) / (J v-), with
+    df that of the gap by the place of its wall, and what
     follows is R (x + F- s) - F+ s with the fields F = (v, dv/dt) before and after, and R the derivative of the law on
     the rows that bear a percussion. Rows that close together are taken one after the other; if the order matters there
     is no derivative.
     """
 
-    def __init__(self, linear: Linearised, length: float, slowest: float, refuse: Refuse) -> None:
+    def __init__(self, linear: Linearised, varied: Directions, length: float, slowest: float, refuse: Refuse) -> None:
         self._linear, self._length, self._slowest, self._refuse = linear, length, slowest, refuse
+        self._varied = varied
         # the rows that have had impacts
         self._struck: set[int] = set()
 
@@ -85,11 +92,8 @@ class Saltation:
         """Return the rates of rows [m/s, rad/s] below which an impact is refused as grazing."""
         return np.asarray(self._slowest * (np.abs(J) @ np.abs(v) + self._length / self._linear.rows.lever[rows]))
 
-    def carried(self, impact: LocatedImpact, X: Array, by_e: Array) -> Array:
-        """Return variations X, shape (2 nv, p), after an impact.
-
-        `by_e`, shape (m, p), says how much each varies the restitution of each constraint.
-        """
+    def carried(self, impact: LocatedImpact, X: Array) -> Array:
+        """Return variations X, shape (2 nv, p), after an impact."""
         rows, q, v = impact.rows, impact.q, impact.before
         J = self._linear.rows.gradients(impact.t, q, rows)
         before = J @ v
@@ -97,17 +101,19 @@ class Saltation:
         hit = ~was_closed & (before < -certain_rates(J, v, 0.0))
         self._check_rows(impact, J, before, hit, was_closed)
         rests = np.intersect1d(impact.closed_after, rows[hit])
-        if by_e[self._linear.rows.number[rests]].any():
-            self._check_forces(impact, rests)
+        by_e = self._varied.by_e[self._linear.rows.number[rests]].any()
+        if rests.size and (by_e or self._varied.by_p.any()):
+            by = "e = 0" if by_e else "parameters"
+            self.check_forces(impact.t, impact.q, impact.after, impact.closed_after, rests, by)
         bears = impact.percussion > _BEARS * impact.percussion.max(initial=0.0)
         stays = was_closed & (bears | np.isin(rows, impact.closed_after))
         weak = was_closed & ~stays & (J @ impact.after < self.slowest(rows, J, v))
         if weak.any():
             self._refuse("a closed contact opens there with hardly any speed", rows[weak], impact.t)
         groups = self._groups(impact, J, hit, stays)
-        found = self._one_by_one(impact, groups, rows[stays], bears, X, by_e)
+        found = self._one_by_one(impact, groups, rows[stays], bears, X)
         for order in _other_orders(groups):
-            other = self._one_by_one(impact, order, rows[stays], bears, X, by_e)
+            other = self._one_by_one(impact, order, rows[stays], bears, X)
             scale = max(np.abs(one / self._linear.units[:, None]).max() for one in (X, found))
             if np.abs((other - found) / self._linear.units[:, None]).max() > _ROUNDING * scale:
                 self._refuse("several close at once, and the order in which they do matters", rows[hit], impact.t)
@@ -135,15 +141,14 @@ class Saltation:
         if unknown.size:
             self._refuse("it comes to rest without an impact", unknown, impact.t)
 
-    def _check_forces(self, impact: LocatedImpact, rests: Array) -> None:
-        """Refuse rows that come to rest at e = 0 without a force: after a bounce nothing would close them again."""
-        flow, closed = self._linear.flow, impact.closed_after
-        free, metric, J, wanted, scale = flow.contact_equations(impact.t, impact.q, impact.after, closed)
+    def check_forces(self, t: float, q: Array, v: Array, closed: Array, rests: Array, by: str) -> None:
+        """Refuse rows among those kept closed that no force presses: a varied motion may leave them."""
+        free, metric, J, wanted, scale = self._linear.flow.contact_equations(t, q, v, closed)
         G = J @ metric.solve_rows(J).T
         forces = least_percussion(G, wanted - J @ free) * G.diagonal()
         loose = np.isin(closed, rests) & (forces <= _PRESSED * scale)
         if loose.any():
-            self._refuse("by e = 0 it has none where no force keeps the contact closed", closed[loose], impact.t)
+            self._refuse(f"by {by} it has none where no force keeps the contact closed", closed[loose], t)
 
     def _groups(self, impact: LocatedImpact, J: Array, hit: Array, stays: Array) -> list[Array]:
         """Return the rows that close, in groups that act as one; refuse groups that are not orthogonal.
@@ -177,9 +182,19 @@ class Saltation:
             involved = np.union1d(impact.rows[hit], opens)
             self._refuse("several close at once, and a closed contact opens", involved, impact.t)
         for group in groups:
+            if len(group) > 1:
+                self._check_gaps(impact, group)
             if len(group) > 1 and not stays.any():
                 self._check_one(impact, group)
         return groups
+
+    def _check_gaps(self, impact: LocatedImpact, group: Array) -> None:
+        """Refuse rows that act as one and that a wall, moved along its normal, takes apart."""
+        linear = self._linear
+        length = np.linalg.norm(linear.rows.gradients(impact.t, impact.q, group), axis=1)
+        by_gap = self._varied.by_gap[linear.rows.number[group]] / length[:, None]
+        if np.abs(by_gap - by_gap[0]).max() > _ROUNDING * np.abs(by_gap).max():
+            self._refuse("several close at once, and a moved wall takes them apart", group, impact.t)
 
     def _check_one(self, impact: LocatedImpact, group: Array) -> None:
         """Refuse rows of e = 0 that act as one at this configuration only."""
@@ -193,11 +208,9 @@ class Saltation:
         if np.abs(away).max() > _ROUNDING * np.abs(J).max():
             self._refuse("several close at once, which act as one at this configuration only", group, impact.t)
 
-    def _one_by_one(
-        self, impact: LocatedImpact, groups: list[Array], staying: Array, bears: Array, X: Array, by_e: Array
-    ) -> Array:
+    def _one_by_one(self, impact: LocatedImpact, groups: list[Array], staying: Array, bears: Array, X: Array) -> Array:
         """Return the variations after the impacts of groups of rows, one group after the other."""
-        linear, t, q, v = self._linear, impact.t, impact.q, impact.before
+        linear, varied, t, q, v = self._linear, self._varied, impact.t, impact.q, impact.before
         n, closed, bearing = len(v), impact.closed_before, impact.rows[bears]
         a = linear.flow.acceleration(t, q, v, closed)[:n]
         for k, group in enumerate(groups):
@@ -214,12 +227,13 @@ class Saltation:
             next_a = linear.flow.acceleration(t, q, after, closed)[:n]
             # where bounces of an e above 0 would end at once, they change nothing in the end to first order
             ends = np.isin(group, impact.closed_after).any()
-            of_e = law.by_e @ by_e[linear.rows.number[rows]] * (not ends)
-            shift = -(linear.rows.gradients(t, q, group[:1]) @ X[:n])[0] / rate
+            of_e = law.by_e @ varied.by_e[linear.rows.number[rows]] * (not ends)
+            gap = linear.rows.gradients(t, q, group[:1]) @ X[:n] + varied.by_gap[linear.rows.number[group[:1]]]
+            shift = -gap[0] / rate
             dq, dv = X[:n] + np.outer(v, shift), X[n:] + np.outer(a, shift)
             X = np.vstack([
                 dq - np.outer(after, shift),
-                law.by_q @ dq + law.by_v @ dv + of_e - np.outer(next_a, shift),
+                law.by_q @ dq + law.by_v @ dv + of_e + law.by_p @ varied.by_p - np.outer(next_a, shift),
             ])  # fmt: skip
             v, a = after, next_a
         return X

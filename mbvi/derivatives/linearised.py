@@ -14,6 +14,7 @@ from ..system.mechanisms.articulated import ArticulatedSystem
 from ..system.system import Array, System, located_parts
 from .accelerations import Accelerations
 from .differences import STEP, along
+from .parameters import Parameters
 
 # singular values of a Delassus matrix below this part of the largest count as zero
 _DEPENDENT = 1e-10
@@ -30,12 +31,15 @@ class LinearLaw(NamedTuple):
         Its derivatives by configuration and velocity before.
     by_e : ndarray, shape (nv, k)
         Its derivative by the restitution of each row.
+    by_p : ndarray, shape (nv, m)
+        Its derivatives by the parameters.
     """
 
     after: Array
     by_q: Array
     by_v: Array
     by_e: Array
+    by_p: Array
 
 
 class Linearised:
@@ -47,6 +51,8 @@ class Linearised:
     ----------
     problem : Problem
         A problem of its own, whose caches no run uses.
+    parameters : Parameters
+        The parameters by which it is differentiated, m in all.
 
     Attributes
     ----------
@@ -54,7 +60,8 @@ class Linearised:
         The unit of each variation: lengths of the scene and radians, for velocities per second.
     """
 
-    def __init__(self, problem: Problem) -> None:
+    def __init__(self, problem: Problem, parameters: Parameters) -> None:
+        self.parameters = parameters
         self.system = problem.system
         self.rows = SmoothRows(problem.constraints, problem.t0, problem.q0, problem.length)
         self.flow = Flow(problem, self.rows)
@@ -65,20 +72,25 @@ class Linearised:
         self._turning = _turning(self.system, problem.q0)
         n = self.system.nv
         # dq/dt = v, and the rest of A
-        self._empty = np.zeros((2 * n, 2 * n))
-        self._empty[:n, n:] = np.eye(n)
+        self._empty = np.zeros((2 * n, 2 * n + parameters.count))
+        self._empty[:n, n : 2 * n] = np.eye(n)
 
     def matrix(self, t: float, q: Array, v: Array, closed: Array) -> Array:
-        """Return A with the given rows kept closed, shape (2 nv, 2 nv)."""
+        """Return A with the given rows kept closed, by the state and the parameters, shape (2 nv, 2 nv + m)."""
         n = len(v)
         A = self._empty.copy()
         for own, constants in self._turning:
             A[own, own] = constants @ v[own]
-        A[n:] = self._held(t, q, v, closed) if closed.size else self._free.jacobian(t, q, v, np.zeros(n))
+        if closed.size:
+            A[n:] = self._held(t, q, v, closed)
+            return A
+        A[n:, : 2 * n] = self._free.jacobian(t, q, v, np.zeros(n))
+        if self.parameters.count:
+            A[n:, 2 * n :] = self.parameters.accelerations(q, v, self.system.acceleration(t, q, v))
         return A
 
     def _held(self, t: float, q: Array, v: Array, closed: Array) -> Array:
-        """Return the derivative of accelerations with closed contacts by (q, v), shape (nv, 2 nv)."""
+        """Return the derivative of accelerations with closed contacts by (q, v) and parameters, (nv, 2 nv + m)."""
         n = len(v)
         free, metric, J, wanted, _ = self.flow.contact_equations(t, q, v, closed)
         W = metric.solve_rows(J)
@@ -87,13 +99,15 @@ class Linearised:
         a = free + forces @ W
         # derivatives at constant contact forces, then of the forces, which keep J a + (dJ/dt) v zero
         out = self._free.jacobian(t, q, v, forces @ J)
+        if self.parameters.count:
+            out = np.hstack([out, self.parameters.accelerations(q, v, a)])
         gradients, bias_by_q = self.rows_by_q(t, q, v, closed)
         pushed = np.einsum("ijk,i->kj", gradients, forces)
         out[:, :n] += self.system.metric(q).solve_rows(pushed).T
         opening = J @ out
         opening[:, :n] += np.einsum("ijk,j->ik", gradients, a) + bias_by_q
         # (dJ/dt) v is the derivative of the gradients along v, times v
-        opening[:, n:] += gradients @ v + np.einsum("ijk,j->ik", gradients, v)
+        opening[:, n : 2 * n] += gradients @ v + np.einsum("ijk,j->ik", gradients, v)
         return np.asarray(out - W.T @ np.linalg.lstsq(G, opening, rcond=_DEPENDENT)[0])
 
     def rows_by_q(self, t: float, q: Array, v: Array, index: Array) -> tuple[Array, Array]:
@@ -134,16 +148,34 @@ class Linearised:
         J = self.rows.gradients(t, q, rows)
         W = self.system.metric(q).solve_rows(J)
         share = W.T @ np.linalg.pinv(J @ W.T, rcond=_DEPENDENT, hermitian=True)
-        rates = J @ v
-        return LinearLaw(
-            v - share @ (factor * rates), by_q, np.eye(len(v)) - share @ (factor[:, None] * J), -share * (hit * rates)
-        )
+        rates, onto = J @ v, np.eye(len(v))
+        jump = -share @ (factor * rates)
+        # gradients and the rates after the impact do not depend on parameters
+        by_p = (onto - share @ J) @ self.parameters.jumps(q, jump)
+        return LinearLaw(v + jump, by_q, onto - share @ (factor[:, None] * J), -share * (hit * rates), by_p)
 
-    def tangents(self, t: float, q: Array, v: Array, closed: Array) -> Array:
-        """Return the projection, shape (2 nv, 2 nv), onto the variations that keep some rows closed and at rest."""
+    def tangents(self, t: float, q: Array, v: Array, closed: Array, gaps: Array) -> tuple[Array, Array]:
+        """Return the variations that keep some rows closed and at rest.
+
+        Parameters
+        ----------
+        t, q, v
+            Time [s] and state.
+        closed : ndarray of int, shape (k,)
+            The rows.
+        gaps : ndarray, shape (k, p)
+            Variations of their gaps by something else than q.
+
+        Returns
+        -------
+        ndarray, shape (2 nv, 2 nv)
+            The projection onto those where no gap varies.
+        ndarray, shape (2 nv, p)
+            The least ones that make up for the variations of the gaps.
+        """
         n = len(v)
         if not closed.size:
-            return np.eye(2 * n)
+            return np.eye(2 * n), np.zeros((2 * n, gaps.shape[1]))
         J = self.rows.gradients(t, q, closed)
         W = self.system.metric(q).solve_rows(J)
         share = W.T @ np.linalg.pinv(J @ W.T, rcond=_DEPENDENT, hermitian=True)
@@ -151,8 +183,10 @@ class Linearised:
         gradients, _ = self.rows_by_q(t, q, v, closed)
         P = np.zeros((2 * n, 2 * n))
         P[:n, :n] = P[n:, n:] = onto
-        P[n:, :n] = -share @ np.einsum("ijk,j->ik", gradients, v) @ onto
-        return P
+        turned = -share @ np.einsum("ijk,j->ik", gradients, v)
+        P[n:, :n] = turned @ onto
+        moved = -share @ gaps
+        return P, np.vstack([moved, turned @ moved])
 
 
 def _turning(system: System, q: Array) -> list[tuple[slice, Array]]:

@@ -17,15 +17,13 @@ from ..run.interrupted import run_so_far
 from ..run.own_steps.event_loop import run_event_driven
 from ..run.simulate import check_problem
 from ..schemes import EventDriven, OwnStepsScheme, Scheme
-from ..system.mechanisms.articulated import ArticulatedSystem
-from ..system.system import Array, System, located_parts
+from ..system.system import Array, located_parts
 from .check import SensitivityCheck, VariedRuns
+from .directions import directions
 from .variation import Variation
 
 # tolerance of the scheme if none is given
 _TOLERANCE = 1e-9
-# what a run can be differentiated by; the last is followed by the name of a constraint
-_STATE, _RESTITUTION, _OF = "state", "restitution", "restitution of "
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +45,7 @@ class Sensitivity:
         the identity, without the variations that would open a contact that is closed at the start.
     columns : dict of str to slice
         The columns of each name of `wrt`. Those of "state" are variations as the rows are, those of "restitution" have
-        no unit.
+        no unit; for others see `sensitivity`.
     """
 
     run: Trajectory
@@ -86,7 +84,7 @@ def sensitivity(
     wrt: Iterable[str] = ("state",),
     bodies: Iterable[str] | None = None,
 ) -> Sensitivity:
-    """Run a problem and differentiate the run, through its impacts, by the initial state and by restitution.
+    """Run a problem and differentiate the run, through its impacts, by the initial state, restitution and parameters.
 
     Parameters
     ----------
@@ -97,9 +95,20 @@ def sensitivity(
     duration : float
         Duration [s]; the run may not end at an impact.
     wrt : sequence of str
-        What to differentiate by. "state": q0 and v0, as tangent vectors, which has 2 nv columns. "restitution": e of
-        all contacts, by the same number that is added to each, which has one column. "restitution of ball | floor":
-        e of that pair alone, by the name that impacts have.
+        What to differentiate by, each of one column unless said:
+
+        - "state": q0 and v0, as tangent vectors, 2 nv columns.
+        - "restitution": e of all contacts, by the same number that is added to each. "restitution of ball | floor":
+          that of one pair, by the name that impacts have.
+        - "mass of ball" [kg], of a free body, or of what moves with a joint, as `problem.system.bodies` lists them; the
+          centre of mass and the inertia about it stay.
+        - "centre of mass of arm/elbow" [m], of what moves with a joint, in the joint's frame, 3 columns.
+        - "inertia of ball" [kg m^2] about the centre of mass, its entries xx, yy, zz, xy, xz, yz, 6 columns; in the
+          axes of a free body, or of the joint's frame.
+        - "torque of arm/elbow" [N m, N]: a constant torque that is added, a column for each velocity of the joint.
+        - "gravity" [m/s^2]: its acceleration along x, y and z, 3 columns.
+        - "offset of floor" [m]: the place of a half-space along its normal; of a `GapFunction` by its name, whose f
+          becomes less by it.
     bodies : sequence of str, optional
         The joints and free bodies whose initial q and v are varied, "quadruped/FL_hip_joint" or "ball", as
         `problem.system.bodies` lists them; by default all.
@@ -115,8 +124,9 @@ def sensitivity(
         Where the run has no derivative, with time, bodies and reason. Constraints that close at once and are not
         orthogonal in the kinetic metric; impacts slower than the root of the tolerance, relative to the speed of their
         bodies or to a length of the scene a second, and gaps that just miss such an impact; impacts that accumulate; a
-        run that starts or ends at an impact. Where mbvi does not know it: another scheme, friction, loops and coupled
-        joints, controls of the whole scene, polyhedra that touch each other.
+        run that starts or ends at an impact; by parameters also closed contacts that no force presses. Where mbvi does
+        not know it: another scheme, friction, loops and coupled joints, controls of the whole scene, polyhedra that
+        touch each other.
     InputError
         If a name is unknown, or duration is not positive and finite.
     UnsuitableError, DivergedError, ProjectionError
@@ -131,53 +141,22 @@ def sensitivity(
     check_problem(problem)
     check_kept(problem)
     duration, names = positive(duration, "duration"), several_names(wrt, "wrt")
-    chosen = _columns(problem.system, optional(several_names, bodies, "bodies"))
     if not names or len(set(names)) < len(names):
         raise InputError(f"wrt must hold one name or more, each once; got {shown(list(names))}")
-    X, by_e, columns = _start(problem, names, chosen)
+    varied = directions(problem, names, optional(several_names, bodies, "bodies"))
     scheme = _checked(problem, EventDriven(_TOLERANCE) if scheme is None else checked_scheme(scheme))
     scheme.check(problem)
 
     projector, notes = projector_of(problem, scheme, None, None, None)
     notes += problem.system.notes() + ([] if problem.scene is None else problem.scene.notes(problem))
-    variation = Variation(problem, scheme.tolerance, X, by_e)
+    variation = Variation(problem, scheme.tolerance, varied)
     run = run_event_driven(problem, scheme, duration, 1, projector, notes, None, False, watch=variation)
     with run_so_far(lambda: run):
         variation.finish()
-    matrices = np.array(variation.matrices)
+    matrices = np.array(variation.matrices) / varied.sizes
     matrices.setflags(write=False)
-    varied = VariedRuns(problem, duration, matrices[0], by_e, variation.closed_at_start)
-    return Sensitivity(run, matrices[-1], matrices, columns, varied)
-
-
-def _restitution(problem: Problem, name: str) -> Array:
-    """Return how much a name of `wrt` varies the restitution of each constraint, shape (m,)."""
-    constraints = problem.constraints
-    if name == _RESTITUTION:
-        return np.ones(len(constraints))
-    known = [constraints.name(k) for k in range(len(constraints))] if name.startswith(_OF) else []
-    if name.removeprefix(_OF) not in known:
-        raise InputError(
-            f"wrt must hold {shown(_STATE)}, {shown(_RESTITUTION)}, or {shown(_OF)} and the name of a constraint, as "
-            f"impacts have it; got {shown(name)}"
-        )
-    return np.array([float(one == name.removeprefix(_OF)) for one in known])
-
-
-def _start(problem: Problem, names: tuple[str, ...], chosen: Array) -> tuple[Array, Array, dict[str, slice]]:
-    """Return the variations of the state, those of restitution, shape (m, p), and the columns of each name."""
-    n, m = problem.system.nv, len(problem.constraints)
-    of_state, of_e, columns, first = [], [], {}, 0
-    for name in names:
-        if name == _STATE:
-            of_state.append(np.eye(2 * n)[:, np.concatenate([chosen, n + chosen])])
-            of_e.append(np.zeros((m, 2 * len(chosen))))
-        else:
-            of_state.append(np.zeros((2 * n, 1)))
-            of_e.append(_restitution(problem, name)[:, None])
-        columns[name] = slice(first, first + of_e[-1].shape[1])
-        first = columns[name].stop
-    return np.hstack(of_state), np.hstack(of_e), columns
+    runs = VariedRuns(problem, duration, varied, matrices[0], variation.closed_at_start)
+    return Sensitivity(run, matrices[-1], matrices, varied.columns, runs)
 
 
 def _checked(problem: Problem, scheme: Scheme | OwnStepsScheme) -> EventDriven:
@@ -198,23 +177,3 @@ def _checked(problem: Problem, scheme: Scheme | OwnStepsScheme) -> EventDriven:
         raise SensitivityError(reason, problem.t0)
     assert isinstance(scheme, EventDriven)
     return scheme
-
-
-def _columns(system: System, names: tuple[str, ...] | None) -> Array:
-    """Return the velocities of some joints and bodies, ascending; all without names."""
-    if names is None:
-        return np.arange(system.nv)
-    known: dict[str, list[int]] = {}
-    for part in located_parts(system):
-        own = part.system
-        for k, name in enumerate(own.bodies[1:]):
-            if isinstance(own, ArticulatedSystem):
-                first, width = own.model.idx_vs[k + 1], own.model.nvs[k + 1]
-            else:
-                width = own.nv // own.independent_bodies
-                first = k * width
-            known[name] = list(range(part.v + first, part.v + first + width))
-    unknown = [name for name in names if name not in known]
-    if unknown or not names:
-        raise InputError(f"bodies must hold names of {', '.join(known) or 'no bodies'}; got {shown(unknown or [])}")
-    return np.array(sorted({k for name in names for k in known[name]}))

@@ -14,6 +14,7 @@ from ..schemes.event_driven.integrator import EventDrivenIntegrator
 from ..schemes.event_driven.motion_state import NO_ROWS
 from ..schemes.event_driven.runge_kutta import RungeKuttaStep
 from ..system.system import Array
+from .directions import Directions
 from .impacts import LocatedImpact, Saltation
 from .linearised import Linearised
 from .near_misses import NearMisses
@@ -21,6 +22,8 @@ from .near_misses import NearMisses
 # largest error of one step of the variations, relative to the tolerance and to the largest entry of a column; the least
 # one that the rounding of differences allows; and the most parts into which a step is divided for it
 _LOCAL, _ROUNDING, _MOST_PARTS = 0.3, 1e-10, 64
+# entries that count as small of what one size of a parameter changes
+LEAST = 1e-3
 # jump of accelerations at a release above which it is refused, relative to the largest one so far
 _JUMP = 1e-6
 
@@ -34,10 +37,8 @@ class Variation:
         The problem that runs.
     tolerance : float
         That of the scheme.
-    X : ndarray, shape (2 nv, p)
-        Variations at the start.
-    by_e : ndarray, shape (m, p)
-        How much each column varies the restitution of each constraint.
+    varied : Directions
+        The columns of the variations.
 
     Attributes
     ----------
@@ -48,23 +49,24 @@ class Variation:
 
     Notes
     -----
-    dX/dt = A X along the dense output of the run, by the tableau of order eight that made its steps; a step whose error
-    is too large for X is divided.
+    dX/dt = A X + B P along the dense output of the run, with the rates B P by the parameters, by the tableau of order
+    eight that made its steps; a step whose error is too large for X is divided.
     """
 
-    def __init__(self, problem: Problem, tolerance: float, X: Array, by_e: Array) -> None:
+    def __init__(self, problem: Problem, tolerance: float, varied: Directions) -> None:
         # imported here because it is slow to import
         from scipy.integrate import DOP853
 
         self._A, self._b, self._c = DOP853.A[:12, :12], DOP853.B, DOP853.C[:12]
         self._errors = np.array([DOP853.E5[:12], DOP853.E3[:12]])
-        self._linear = Linearised(deepcopy(problem))
-        self._tolerance, self._by_e = max(_LOCAL * tolerance, _ROUNDING), by_e
-        self._saltation = Saltation(self._linear, problem.length, float(np.sqrt(tolerance)), self._refuse)
+        self._linear = Linearised(deepcopy(problem), varied.parameters)
+        self._tolerance, self._varied = max(_LOCAL * tolerance, _ROUNDING), varied
+        self._least = np.where(varied.of_parameters, LEAST, 1e-300)
+        self._saltation = Saltation(self._linear, varied, problem.length, float(np.sqrt(tolerance)), self._refuse)
         self._misses = NearMisses(self._linear, self._saltation, self._refuse)
         self._name = problem.constraints.name
-        self._varies_start = bool(X.any())
-        self.matrices, self._X = [X], X
+        self._varies_start = bool(varied.start.any() or varied.by_gap.any())
+        self.matrices, self._X = [varied.start], varied.start
         self._closed = self._held = self.closed_at_start = NO_ROWS
         # gaps up to this are at an event [m]
         self._touching = 0.0
@@ -116,7 +118,7 @@ class Variation:
         if self._pending is not None:
             self._refuse("two impacts at one instant", integrator.event_rows, event.t)
         if self._end is None and self._varies_start:
-            reason = "the run starts with an impact: by the state it has a derivative on one side only"
+            reason = "the run starts with an impact: by the state and walls it has a derivative on one side only"
             self._refuse(reason, integrator.event_rows, event.t)
         self._pending = event, integrator.event_rows
         # the matrix after it is known once the contacts are that stay closed
@@ -131,7 +133,7 @@ class Variation:
             impact = LocatedImpact(
                 t, q, event.before, v, rows, event.rates[0], self._closed, self._held, closed
             )  # fmt: skip
-            self._X = self._saltation.carried(impact, self._X, self._by_e)
+            self._X = self._saltation.carried(impact, self._X)
             self.matrices[-1] = self._X
         elif self._end is None:
             self._start(t, q, v, integrator)
@@ -144,10 +146,19 @@ class Variation:
         touching = np.setdiff1d(integrator.event_rows, integrator.closed)
         J = self._linear.rows.gradients(t, q, touching)
         slow = np.abs(J @ v) < self._saltation.slowest(touching, J, v)
-        if slow.any() and self._varies_start:
+        by_p = self._varied.by_p.any()
+        if slow.any() and (self._varies_start or by_p):
             self._refuse("it touches at the start and is about to open", touching[slow], t)
         self.closed_at_start = integrator.closed
-        self._X = self.matrices[0] = self._linear.tangents(t, q, v, integrator.closed) @ self._X
+        closed = integrator.closed
+        if by_p and closed.size:
+            self._saltation.check_forces(t, q, v, closed, closed, "parameters")
+        gaps = self._varied.by_gap[self._linear.rows.number[closed]]
+        onto, moved = self._linear.tangents(t, q, v, closed, gaps)
+        off = self._linear.rows.gradients(t, q, closed) @ moved[: len(v)] + gaps
+        if np.abs(off).max(initial=0.0) > _JUMP * np.abs(gaps).max(initial=0.0):
+            self._refuse("moved walls leave no room for what rests between them", closed, t)
+        self._X = self.matrices[0] = onto @ self._X + moved
 
     def _change(self, q: Array, v: Array, closed: Array) -> None:
         """Refuse a change of closed contacts at which accelerations jump: at a release they do not."""
@@ -184,18 +195,19 @@ class Variation:
         scaling = units / units[:, None]
         K = np.empty((len(self._c), *X.shape))
         # the same numbers, one stage a row
-        flat = K.reshape(len(K), -1)
+        flat, by_p = K.reshape(len(K), -1), self._varied.by_p
         for part in range(parts):
             for i, node in enumerate(self._c):
                 share = (part + node) / parts
                 q, v = step.at(self._linear.system, share) if share > 0.0 else (step.q0, step.v0)
                 stage = X + h * (self._A[i, :i] @ flat[:i]).reshape(X.shape) if i else X
-                K[i] = (scaling * self._linear.matrix(step.t + share * step.h, q, v, self._closed)) @ stage
+                A = self._linear.matrix(step.t + share * step.h, q, v, self._closed)
+                K[i] = (scaling * A[:, : len(X)]) @ stage + (A[:, len(X) :] @ by_p) / units[:, None]
             fifth, third = np.abs(h * (self._errors @ flat)).reshape(2, *X.shape).max(axis=1)
             X = X + h * (self._b @ flat).reshape(X.shape)
             both = np.sqrt(fifth**2 + 0.01 * third**2)
             error = fifth * np.divide(fifth, both, out=np.zeros_like(both), where=both != 0.0)
             # written so that a NaN is refused too
-            if not (error <= self._tolerance * np.maximum(np.abs(X).max(axis=0), 1e-300)).all():
+            if not (error <= self._tolerance * np.maximum(np.abs(X).max(axis=0), self._least)).all():
                 return None
         return X * units[:, None]

@@ -5,15 +5,10 @@ import pytest
 
 import mbvi
 from mbvi.reference import MAKERS
+from support.derivatives import agrees, beads, slopes
 
 G = 9.81
 BOTH = ("state", "restitution")
-
-
-def slopes(motion, x):
-    """The derivative of motion(x), written for complex numbers, exact to rounding."""
-    steps = 1e-30j * np.eye(len(x))
-    return np.array([np.imag(motion(x + dx)) / 1e-30 for dx in steps]).T
 
 
 def problem(dim, force, gaps, q, v, e):
@@ -25,10 +20,6 @@ def problem(dim, force, gaps, q, v, e):
 
 def differentiated(given, duration, wrt=BOTH, tolerance=1e-12):
     return mbvi.sensitivity(given, mbvi.EventDriven(tolerance), duration=duration, wrt=wrt)
-
-
-def agrees(found, exact, tolerance=1e-8):
-    assert np.abs(found - exact).max() <= tolerance * np.abs(exact).max()
 
 
 def ball(x, duration):
@@ -68,21 +59,6 @@ def test_two_balls_that_exchange_their_speeds():
     touch = (lambda q: q[1] - q[0] - 0.2, lambda q: np.array([-1.0, 1.0]))
     found = differentiated(problem(2, lambda t, q, v: np.zeros(2), [touch], [0.0, 0.52], [1.0, 0.0], 1.0), 1.0)
     assert np.abs(found.matrix[1, :4] - [1, 0, 1, 0]).max() < 1e-10
-
-
-def beads(x, duration, masses):
-    """Beads on a line, from (places, speeds, e)."""
-    n = len(masses)
-    q, v, e, left = x[:n], x[n : 2 * n], x[-1], duration
-    while True:
-        closing = [(q[k + 1] - q[k]) / (v[k] - v[k + 1]) if v[k].real > v[k + 1].real else np.inf for k in range(n - 1)]
-        k = int(np.argmin(np.real(closing)))
-        if np.real(closing[k]) > np.real(left):
-            return np.concatenate([q + left * v, v])
-        q, left = q + closing[k] * v, left - closing[k]
-        a, b = masses[k : k + 2]
-        push = (1 + e) * (v[k] - v[k + 1]) * a * b / (a + b)
-        v = v + np.array([-push / a if j == k else push / b if j == k + 1 else 0 for j in range(n)])
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -53,8 +53,11 @@ def compared(problem, duration, tolerance=1e-6, scheme=1e-10, **given):
 
 
 def test_a_tilted_quadruped_lands_on_three_feet():
-    found = compared(tilted_quadruped(), 0.12)
-    assert found.matrix.shape == (36, 36) and len(found.run.impacts) == 4
+    base, calf = "quadruped/root_joint", "quadruped/FL_calf_joint"
+    names = ["mass of " + base, "centre of mass of " + base, "inertia of " + calf, "torque of " + calf]
+    names += ["offset of floor", "gravity"]
+    found = compared(tilted_quadruped(), 0.12, wrt=["state", *names])
+    assert found.matrix.shape == (36, 36 + 15) and len(found.run.impacts) == 4
 
 
 def test_a_hopper_in_a_plane_bounces_on_rows_that_act_as_one():
@@ -90,7 +93,8 @@ def test_solo_at_its_limits_and_on_the_floor():
 
 @pytest.mark.slow(seconds=5)
 def test_a_ur5_at_its_limits():
-    assert len(compared(ur5(), 1.5).run.impacts) >= 2
+    kinds = "mass", "centre of mass", "inertia", "torque"
+    assert len(compared(ur5(), 1.5, wrt=["state", *(f"{kind} of ur5/elbow_joint" for kind in kinds)]).run.impacts) >= 2
 
 
 def test_free_bodies_spheres_and_a_force_from_outside():

@@ -34,7 +34,7 @@ class PlanarSpheres(Spheres):
         super().__init__(masses, gravity, names)
         self.nv = 2 * len(masses)
         self.sparse = self.nv > MOST_DENSE
-        self._along = _columns(axes)
+        self.axes, self._along = axes, _columns(axes)
         self._metric = DiagonalMetric(np.repeat(masses, 2))
         # indices in q of the coordinates that velocities change
         self._places = np.add.outer(np.arange(0, self.nq, 3), np.arange(3)[self._along]).ravel()
@@ -81,7 +81,7 @@ class PlanarBodies(FreeBodies):
         super().__init__(masses, inertias, gravity, names)
         self.nv = 3 * len(masses)
         self.sparse = self.nv > MOST_DENSE
-        self._along, self.normals = _columns(axes), normals
+        self.axes, self._along, self.normals = axes, _columns(axes), normals
         # directions of the velocities, in the order of the world's axes, and the rotation axis
         self._directions = np.vstack([np.eye(3)[self._along], axes[2]])
         moments = np.einsum("ki,kij,kj->k", normals, inertias, normals)

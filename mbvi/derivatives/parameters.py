@@ -1,0 +1,230 @@
+"""Parameters of a problem by name, how they act on the motion and on gaps, and problems with other values of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from copy import copy, deepcopy
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from ..arguments import shown
+from ..constraints import GapFunction
+from ..errors import InputError
+from ..problem import Problem
+from ..system import System
+from ..system.free.bodies import FreeBodies, Spheres
+from ..system.mechanisms.articulated import ArticulatedSystem
+from ..system.system import Array, Part, located_parts
+from .inertial import OF_CENTRE, OF_INERTIA, OF_MASS, BodyInertia, LinkInertia, Regressor
+from .parameter import Parameter, gravitation, replaced_mechanism, with_gravity
+
+_GRAVITY, _TORQUE, _OFFSET = "gravity", "torque of ", "offset of "
+# what names of parameters look like
+FORMS = ("mass of BODY", "centre of mass of BODY", "inertia of BODY", "torque of JOINT", "gravity", "offset of WALL")
+
+
+class Torque(Parameter):
+    """A constant torque that is added at a joint, a column for each of its velocities [N m, N].
+
+    Parameters
+    ----------
+    part : Part
+        The mechanism.
+    own : slice
+        The joint's velocities among those of the mechanism.
+    sizes : ndarray, shape (k,)
+        See `Parameter`.
+    """
+
+    def __init__(self, part: Part, own: slice, sizes: Array) -> None:
+        self._part, self._own, self.sizes = part, own, sizes
+
+    def add_force(self, q: Array, v: Array, a: Array, out: Array) -> None:
+        np.fill_diagonal(out[self._part.v + self._own.start :], -1.0)
+
+    def vary(self, replaced: dict[int, Any], change: Array) -> None:
+        now = replaced.get(id(self._part.system), self._part.system)
+        torque = np.zeros(now.nv)
+        torque[self._own] = change
+        replaced[id(self._part.system)] = replaced_mechanism(now, now.model, _pushed(now.control, torque))
+
+
+def _pushed(control: Callable[[float, Array, Array], Array] | None, torque: Array) -> Any:
+    return (lambda t, q, v: torque) if control is None else (lambda t, q, v: control(t, q, v) + torque)
+
+
+class Gravity(Parameter):
+    """The acceleration of gravity along x, y and z [m/s^2].
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem, whose parts are mechanisms, bodies and spheres.
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        self._parts = located_parts(problem.system)
+        self.sizes = np.full(3, problem.length)
+        self._weights = [gravitation(part.system) for part in self._parts]
+
+    def add_force(self, q: Array, v: Array, a: Array, out: Array) -> None:
+        for part, weight in zip(self._parts, self._weights, strict=True):
+            out[part.v : part.v + part.system.nv] -= weight(q[part.q : part.q + part.system.nq])
+
+    def vary(self, replaced: dict[int, Any], change: Array) -> None:
+        for part in self._parts:
+            now = replaced.get(id(part.system), part.system)
+            replaced[id(part.system)] = with_gravity(now, change)
+
+
+class Offset(Parameter):
+    """The place of a wall along its normal [m].
+
+    Parameters
+    ----------
+    gaps : ndarray, shape (m, 1)
+        By how much it changes each gap: by -1 or not.
+    wall : HalfSpace or GapFunction
+        The wall.
+    length : float
+        That of the scene [m].
+    """
+
+    def __init__(self, gaps: Array, wall: Any, length: float) -> None:
+        self.gaps, self._wall, self.sizes = gaps, wall, np.array([length])
+
+    def vary(self, replaced: dict[int, Any], change: Array) -> None:
+        now: Any = replaced.get(id(self._wall), self._wall)
+        by = float(change[0])
+        if isinstance(now, GapFunction):
+            f, now = now.f, copy(now)
+            now.f = lambda q: f(q) - by
+        else:
+            now = replace(now, offset=now.offset + by)
+        replaced[id(self._wall)] = now
+
+
+class Parameters:
+    """Parameters of a problem, whose columns follow each other.
+
+    Parameters
+    ----------
+    system : System
+        The system.
+    each : sequence of Parameter
+        The parameters.
+
+    Attributes
+    ----------
+    count : int
+        How many columns they have.
+    sizes : ndarray, shape (count,)
+        See `Parameter`.
+    """
+
+    def __init__(self, system: System, each: Sequence[Parameter]) -> None:
+        self._system, self._each = system, list(each)
+        ends = np.cumsum([0, *(len(one.sizes) for one in self._each)]).tolist()
+        self._columns = [slice(*pair) for pair in pairwise(ends)]
+        self.count: int = ends[-1]
+        self.sizes = np.concatenate([np.zeros(0), *(one.sizes for one in self._each)])
+
+    def accelerations(self, q: Array, v: Array, a: Array) -> Array:
+        """Return the derivatives of the acceleration a without contacts, shape (nv, count), at constant forces."""
+        return self._solved(q, lambda one, out: one.add_force(q, v, a, out))
+
+    def jumps(self, q: Array, w: Array) -> Array:
+        """Return the derivatives of a jump w of velocities, shape (nv, count), at a constant percussion."""
+        return self._solved(q, lambda one, out: one.add_percussion(q, w, out))
+
+    def _solved(self, q: Array, add: Callable[[Parameter, Array], None]) -> Array:
+        missing = np.zeros((self._system.nv, self.count))
+        for one, columns in zip(self._each, self._columns, strict=True):
+            add(one, missing[:, columns])
+        return -np.asarray(self._system.metric(q).solve_rows(np.ascontiguousarray(missing.T))).T
+
+    def gaps(self, count: int) -> Array:
+        """Return the derivatives of the gaps of all constraints, shape (count of constraints, count)."""
+        return np.hstack([np.zeros((count, 0)), *(np.zeros((count, len(p.sizes))) + p.gaps for p in self._each)])
+
+    def varied(self, problem: Problem, change: Array) -> Problem:
+        """Return a problem of its own with other values of the parameters."""
+        replaced: dict[int, Any] = {}
+        for one, columns in zip(self._each, self._columns, strict=True):
+            if change[columns].any():
+                one.vary(replaced, change[columns])
+        # a copy refers to what is replaced wherever the problem refers to the original
+        return deepcopy(problem, replaced)
+
+
+def parameter(problem: Problem, name: str, regressors: dict[int, Regressor]) -> Parameter | None:
+    """Return a parameter by its name, or None if no parameter has such a name; raise `InputError` if it has none such.
+
+    `regressors` keeps those of mechanisms.
+    """
+    if name == _GRAVITY:
+        others = [part.system for part in located_parts(problem.system) if not _is_known(part.system)]
+        if others:
+            raise InputError(f"wrt holds 'gravity', of which {type(others[0]).__name__} knows nothing")
+        return Gravity(problem)
+    if name.startswith(_OFFSET):
+        return _offset(problem, name.removeprefix(_OFFSET))
+    kind = next((one for one in (OF_MASS, OF_CENTRE, OF_INERTIA, _TORQUE) if name.startswith(one)), None)
+    if kind is None:
+        return None
+    part, body = _found(problem, name.removeprefix(kind), kind)
+    if isinstance(part.system, ArticulatedSystem):
+        if kind == _TORQUE:
+            return _torque(problem, part, body)
+        return LinkInertia(part, body, kind, problem.length, regressors.setdefault(part.v, Regressor(part.system)))
+    return BodyInertia(part, body - 1, kind)
+
+
+def _is_known(system: System) -> bool:
+    return isinstance(system, ArticulatedSystem | FreeBodies | Spheres)
+
+
+def _found(problem: Problem, name: str, kind: str) -> tuple[Part, int]:
+    """Return the part of a body, and the body's number in it, of a body that has such a parameter."""
+    known: dict[str, tuple[Part, int]] = {}
+    for part in located_parts(problem.system):
+        own = part.system
+        if (
+            isinstance(own, ArticulatedSystem)
+            or (isinstance(own, FreeBodies) and kind in (OF_MASS, OF_INERTIA))
+            or (isinstance(own, Spheres) and kind == OF_MASS)
+        ):
+            known.update({body: (part, k + 1) for k, body in enumerate(own.bodies[1:])})
+    if name not in known:
+        listed = ", ".join(known) or "nothing"
+        raise InputError(f"wrt holds {shown(kind + name)}; what has one is {listed}")
+    return known[name]
+
+
+def _torque(problem: Problem, part: Part, joint: int) -> Torque:
+    model: pin.Model = part.system.model
+    own = slice(model.idx_vs[joint], model.idx_vs[joint] + model.nvs[joint])
+    here = problem.q0[part.q : part.q + part.system.nq]
+    reached = np.abs(np.asarray(part.system.metric(here).solve_rows(np.eye(part.system.nv)[own])))
+    lengths = np.where(part.system.are_lengths(), problem.length, 1.0)
+    return Torque(part, own, 1.0 / (reached / lengths).max(axis=1))
+
+
+def _offset(problem: Problem, name: str) -> Offset:
+    constraints = problem.constraints
+    names = [constraints.name(k) for k in range(len(constraints))]
+    given = {one.names[0]: one for one in constraints.constraints if isinstance(one, GapFunction) and one.names}
+    walls = {} if problem.scene is None else problem.scene.walls
+    wall: Any
+    if name in walls:
+        met, wall = [one.endswith(f" | {name}") for one in names], walls[name]
+    elif name in given:
+        met, wall = [one == name for one in names], given[name]
+    else:
+        known = ", ".join([*walls, *given]) or "none"
+        raise InputError(f"wrt holds 'offset of {name}'; half-spaces and gap functions with a name are {known}")
+    return Offset(-np.array(met, float)[:, None], wall, problem.length)

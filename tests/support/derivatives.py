@@ -1,0 +1,28 @@
+"""Derivatives of exact motions, which are written for complex numbers."""
+
+import numpy as np
+
+
+def slopes(motion, x):
+    """The derivative of motion(x), exact to rounding."""
+    steps = 1e-30j * np.eye(len(x))
+    return np.array([np.imag(motion(x + dx)) / 1e-30 for dx in steps]).T
+
+
+def agrees(found, exact, tolerance=1e-8):
+    assert np.abs(found - exact).max() <= tolerance * np.abs(exact).max()
+
+
+def beads(x, duration, masses):
+    """Beads on a line, from (places, speeds, e)."""
+    n = len(masses)
+    q, v, e, left = x[:n], x[n : 2 * n], x[-1], duration
+    while True:
+        closing = [(q[k + 1] - q[k]) / (v[k] - v[k + 1]) if v[k].real > v[k + 1].real else np.inf for k in range(n - 1)]
+        k = int(np.argmin(np.real(closing)))
+        if np.real(closing[k]) > np.real(left):
+            return np.concatenate([q + left * v, v])
+        q, left = q + closing[k] * v, left - closing[k]
+        a, b = masses[k : k + 2]
+        push = (1 + e) * (v[k] - v[k + 1]) * a * b / (a + b)
+        v = v + np.array([-push / a if j == k else push / b if j == k + 1 else 0 for j in range(n)])
