@@ -23,7 +23,7 @@ from .geometry import motion, surfaces
 if TYPE_CHECKING:
     from . import packing, reference
     from .constraints import GapFunction
-    from .derivatives import Sensitivity, SensitivityCheck, sensitivity
+    from .derivatives import Gradient, Sensitivity, SensitivityCheck, gradient, sensitivity
     from .impacts import Forks, forks
     from .problem import Problem
     from .projection import DualActiveSet, Projection, ProxQP, SparsePCG, impact, project
@@ -58,6 +58,7 @@ __all__ = [
     "EventDriven",
     "Forks",
     "GapFunction",
+    "Gradient",
     "Impact",
     "InadmissibleStartError",
     "InfeasibleError",
@@ -88,6 +89,7 @@ __all__ = [
     "UnsuitableError",
     "UrdfError",
     "forks",
+    "gradient",
     "impact",
     "load",
     "motion",
@@ -108,7 +110,7 @@ __all__ = [
 # modules that are imported when one of their names is first used
 _LATER = {
     ".constraints": "GapFunction",
-    ".derivatives": "Sensitivity SensitivityCheck sensitivity",
+    ".derivatives": "Gradient Sensitivity SensitivityCheck gradient sensitivity",
     ".impacts": "Forks forks",
     ".problem": "Problem",
     ".projection": "DualActiveSet Projection ProxQP SparsePCG impact project",

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from typing import TypeVar
 
 import numpy as np
 
@@ -19,8 +20,10 @@ from ..run.simulate import check_problem
 from ..schemes import EventDriven, OwnStepsScheme, Scheme
 from ..system.system import Array, located_parts
 from .check import SensitivityCheck, VariedRuns
-from .directions import directions
+from .directions import Directions, directions
 from .variation import Variation
+
+Kind = TypeVar("Kind", bound=Variation)
 
 # tolerance of the scheme if none is given
 _TOLERANCE = 1e-9
@@ -138,6 +141,22 @@ def sensitivity(
     Contacts that are closed stay closed: with some at the start the derivative is that along the variations which keep
     them closed. Functions of the user, forces and controls of robots, must be smooth functions of (t, q, v).
     """
+    run, variation, varied = followed(problem, scheme, duration, wrt, bodies, Variation)
+    matrices = np.array(variation.matrices) / varied.sizes
+    matrices.setflags(write=False)
+    runs = VariedRuns(problem, float(duration), varied, matrices[0], variation.closed_at_start)
+    return Sensitivity(run, matrices[-1], matrices, varied.columns, runs)
+
+
+def followed(
+    problem: Problem,
+    scheme: Scheme | EventDriven | None,
+    duration: float,
+    wrt: Iterable[str],
+    bodies: Iterable[str] | None,
+    kind: Callable[[Problem, float, Directions], Kind],
+) -> tuple[Trajectory, Kind, Directions]:
+    """Return a run, what followed its variations, and the columns; arguments and errors as those of `sensitivity`."""
     check_problem(problem)
     check_kept(problem)
     duration, names = positive(duration, "duration"), several_names(wrt, "wrt")
@@ -149,14 +168,11 @@ def sensitivity(
 
     projector, notes = projector_of(problem, scheme, None, None, None)
     notes += problem.system.notes() + ([] if problem.scene is None else problem.scene.notes(problem))
-    variation = Variation(problem, scheme.tolerance, varied)
+    variation = kind(problem, scheme.tolerance, varied)
     run = run_event_driven(problem, scheme, duration, 1, projector, notes, None, False, watch=variation)
     with run_so_far(lambda: run):
         variation.finish()
-    matrices = np.array(variation.matrices) / varied.sizes
-    matrices.setflags(write=False)
-    runs = VariedRuns(problem, duration, varied, matrices[0], variation.closed_at_start)
-    return Sensitivity(run, matrices[-1], matrices, varied.columns, runs)
+    return run, variation, varied
 
 
 def _checked(problem: Problem, scheme: Scheme | OwnStepsScheme) -> EventDriven:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from copy import deepcopy
 from typing import NoReturn
 
@@ -175,39 +176,66 @@ class Variation:
         """Carry the variations over a smooth step, in as many parts as their error needs."""
         accelerations = step.rates[:, len(step.v) :].reshape(len(step.rates), -1, len(step.v))
         self._fastest = max(self._fastest, float(np.abs(accelerations / self._linear.units[: len(step.v)]).max()))
-        if not step.h > 0.0:
-            return
-        parts = 1
-        while True:
-            X = self._parts(step, parts)
-            if X is not None or parts >= _MOST_PARTS:
-                break
-            parts *= 2
-        if X is None:
-            self._refuse("the variations change too fast to be integrated", NO_ROWS, step.t)
-        self._X = X
+        if step.h > 0.0:
+            self._smooth(step)
 
-    def _parts(self, step: RungeKuttaStep, parts: int) -> Array | None:
-        """Return the variations after a step that is taken in equal parts; None if the error is too large."""
-        X = self._X / self._linear.units[:, None]
-        units, h = self._linear.units, step.h / parts
+    def _smooth(self, step: RungeKuttaStep) -> None:
+        """Carry the variations over a step."""
+        units, by_p = self._linear.units[:, None], self._varied.by_p
         # in units of the scene, so that no unit of length matters
-        scaling = units / units[:, None]
+        scaling = units.T / units
+
+        def rates(share: float, X: Array) -> Array:
+            A = self.rates(step, share, self._closed)
+            return (scaling * A[:, : len(X)]) @ X + (A[:, len(X) :] @ by_p) / units
+
+        self._X = units * self.integrated(step, rates, self._X / units, self._least)
+
+    def rates(self, step: RungeKuttaStep, share: float, closed: Array) -> Array:
+        """Return `Linearised.matrix` at a share of a step."""
+        q, v = step.at(self._linear.system, share) if share > 0.0 else (step.q0, step.v0)
+        return self._linear.matrix(step.t + share * step.h, q, v, closed)
+
+    def integrated(
+        self, step: RungeKuttaStep, rates: Callable[[float, Array], Array], X: Array, least: Array | float
+    ) -> Array:
+        """Return X after a step that is taken in as many equal parts as its error needs.
+
+        Parameters
+        ----------
+        step : RungeKuttaStep
+            The step.
+        rates : callable
+            rates(share, X) -> dX/dt.
+        X : ndarray, shape (n, p)
+            X at its start.
+        least : ndarray, shape (p,), or float
+            Entries of each column up to this are small.
+        """
+        parts, found = 1, None
+        while found is None and parts <= _MOST_PARTS:
+            found = self._parts(step.h / parts, parts, rates, X, least)
+            parts *= 2
+        if found is None:
+            self._refuse("the variations change too fast to be integrated", NO_ROWS, step.t)
+        return found
+
+    def _parts(
+        self, h: float, parts: int, rates: Callable[[float, Array], Array], X: Array, least: Array | float
+    ) -> Array | None:
+        """Return X after some equal parts of length h; None if the error is too large."""
         K = np.empty((len(self._c), *X.shape))
         # the same numbers, one stage a row
-        flat, by_p = K.reshape(len(K), -1), self._varied.by_p
+        flat = K.reshape(len(K), -1)
         for part in range(parts):
             for i, node in enumerate(self._c):
-                share = (part + node) / parts
-                q, v = step.at(self._linear.system, share) if share > 0.0 else (step.q0, step.v0)
                 stage = X + h * (self._A[i, :i] @ flat[:i]).reshape(X.shape) if i else X
-                A = self._linear.matrix(step.t + share * step.h, q, v, self._closed)
-                K[i] = (scaling * A[:, : len(X)]) @ stage + (A[:, len(X) :] @ by_p) / units[:, None]
+                K[i] = rates((part + node) / parts, stage)
             fifth, third = np.abs(h * (self._errors @ flat)).reshape(2, *X.shape).max(axis=1)
             X = X + h * (self._b @ flat).reshape(X.shape)
             both = np.sqrt(fifth**2 + 0.01 * third**2)
             error = fifth * np.divide(fifth, both, out=np.zeros_like(both), where=both != 0.0)
             # written so that a NaN is refused too
-            if not (error <= self._tolerance * np.maximum(np.abs(X).max(axis=0), self._least)).all():
+            if not (error <= self._tolerance * np.maximum(np.abs(X).max(axis=0), least)).all():
                 return None
-        return X * units[:, None]
+        return X

@@ -5,22 +5,7 @@ import pytest
 
 import mbvi
 from support.paths import ROBOTS, real_robot
-from support.robot_problems import problem_of
-
-
-def tilted_quadruped():
-    """A quadruped 5 cm above a floor whose feet land one after the other, e = 0."""
-    scene = mbvi.Scene()
-    scene.add_halfspace((0, 0, 1), name="floor")
-    scene.add_urdf("robot:quadruped", position=(0, 0, 0.6))
-    problem = scene.build()
-    turn = np.zeros(problem.system.nv)
-    turn[3:5] = 0.03, 0.021
-    q, rows = problem.system.integrate(problem.q0, turn), problem.constraints
-    floor = [k for k in range(len(rows)) if "floor" in rows.name(k)]
-    q = q.copy()
-    q[2] += 0.05 - float(rows.gap(0.0, q)[floor].min())
-    return problem.at(q, problem.v0)
+from support.robot_problems import problem_of, tilted_quadruped
 
 
 def hopper(e):

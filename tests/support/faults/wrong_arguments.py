@@ -649,6 +649,13 @@ CALLS: dict[str, Call] = {
             "wrt": ["state", "restitution"], "bodies": None,
         },
     ),
+    "gradient": Call(
+        mbvi.gradient,
+        lambda: {
+            "problem": scene().build(), "of": lambda q, v: (q[0], np.eye(1, 2 * len(v))[0]),
+            "scheme": mbvi.EventDriven(1e-6), "duration": 0.01, "wrt": ["state", "restitution"], "bodies": None,
+        },
+    ),
     "Sensitivity.check": Call(
         lambda **given: mbvi.sensitivity(scene().build(), duration=1e-3).check(**given), lambda: {"directions": 1}
     ),
@@ -810,7 +817,7 @@ CALLS: dict[str, Call] = {
 _RETURNED = (
     mbvi.RolloutStatus, mbvi.Rollouts,
     mbvi.Trajectory, mbvi.Impact, mbvi.Diagnosis, mbvi.ErrorEstimate, mbvi.Forks, mbvi.Projection, mbvi.packing.Packing,
-    mbvi.reference.Reference, mbvi.motion.Motion, mbvi.Sensitivity, mbvi.SensitivityCheck,
+    mbvi.reference.Reference, mbvi.motion.Motion, mbvi.Gradient, mbvi.Sensitivity, mbvi.SensitivityCheck,
 )  # fmt: skip
 # classes whose methods a user calls; those of schemes, systems and constraints are called by a run
 _WITH_METHODS = (
