@@ -38,7 +38,7 @@ class SensitivityCheck:
     error : ndarray, shape (k,)
         The largest difference of both, in lengths of the scene and radians, relative to the largest entry of the
         derivative or of the variation at the start; by parameters at least 1e-3 of such a unit for a variation of the
-        size of the parameter: of a mass by itself, a place by the scene's length, a torque by what accelerates by 1.
+        size of the parameter: of a mass by itself, a place by the scene's length, a torque by what accelerates by 10.
     uncertainty : ndarray, shape (k,)
         An estimate of how much of that is the error of the differences.
     """

@@ -23,6 +23,8 @@ from .inertial import OF_CENTRE, OF_INERTIA, OF_MASS, BodyInertia, LinkInertia, 
 from .parameter import Parameter, gravitation, replaced_mechanism, with_gravity
 
 _GRAVITY, _TORQUE, _OFFSET = "gravity", "torque of ", "offset of "
+# what the size of a torque and of gravity accelerates by [lengths of the scene, or radians, per s^2]
+ACCELERATION = 10.0
 # what names of parameters look like
 FORMS = ("mass of BODY", "centre of mass of BODY", "inertia of BODY", "torque of JOINT", "gravity", "offset of WALL")
 
@@ -68,7 +70,7 @@ class Gravity(Parameter):
 
     def __init__(self, problem: Problem) -> None:
         self._parts = located_parts(problem.system)
-        self.sizes = np.full(3, problem.length)
+        self.sizes = np.full(3, ACCELERATION * problem.length)
         self._weights = [gravitation(part.system) for part in self._parts]
 
     def add_force(self, q: Array, v: Array, a: Array, out: Array) -> None:
@@ -211,7 +213,7 @@ def _torque(problem: Problem, part: Part, joint: int) -> Torque:
     here = problem.q0[part.q : part.q + part.system.nq]
     reached = np.abs(np.asarray(part.system.metric(here).solve_rows(np.eye(part.system.nv)[own])))
     lengths = np.where(part.system.are_lengths(), problem.length, 1.0)
-    return Torque(part, own, 1.0 / (reached / lengths).max(axis=1))
+    return Torque(part, own, ACCELERATION / (reached / lengths).max(axis=1))
 
 
 def _offset(problem: Problem, name: str) -> Offset:

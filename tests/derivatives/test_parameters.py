@@ -186,6 +186,18 @@ def test_a_floor_under_a_body_that_rests_carries_it():
     assert found.check(2).error.max() < 1e-8
 
 
+def test_a_floor_under_many_spheres():
+    """These are of one family of constraints, which keeps numbers of its walls and not the walls."""
+    scene = mbvi.Scene(restitution=0.6)
+    scene.add_halfspace((0, 0, 1), name="floor")
+    for k in range(34):
+        scene.add_sphere(radius=0.1, mass=1.0, position=(0.5 * k, 0, 3.0 if k else 0.3), name=f"ball {k}")
+    problem = scene.build()
+    assert "SphereWalls" in {type(family).__name__ for family in problem.constraints.families}
+    found = differentiated(problem, 0.25, ["offset of floor"], 1e-10)
+    assert found.run.impacts and found.check(1).error.max() < 1e-7
+
+
 def refused(scene, reason, wrt, duration=0.5):
     with pytest.raises(mbvi.SensitivityError, match=reason):
         differentiated(scene, duration, wrt)

@@ -12,6 +12,7 @@ from ...geometry.shapes.shapes import Box, Capsule, HalfSpace, PlacedShape
 from ...system import System
 from ...system.free.sparse_rows import dense
 from ..family import ConstraintFamily
+from ..rebuilt import Rebuilt
 from ..rows import Array, Rows
 from .sphere_centres import SphereCentres
 
@@ -137,7 +138,7 @@ def wall_contacts(
     return count
 
 
-class SphereWalls(ConstraintFamily):
+class SphereWalls(Rebuilt, ConstraintFamily):
     """Half-spaces of the world and boxes or capsules on any body, the walls, against many free spheres.
 
     Parameters
