@@ -7,6 +7,7 @@ from .families.half_space import HalfSpaceContacts
 from .families.hinge_limit import HingeLimits
 from .families.joint_limit import JointLimits
 from .families.moving import MovingFrame, MovingWalls
+from .families.shape_surface import ShapeSurface
 from .families.signed_distance import SignedDistances
 from .families.sphere_centres import SphereCentres
 from .families.sphere_surface import SphereSurface
@@ -28,6 +29,7 @@ __all__ = [
     "MovingWalls",
     "RowTable",
     "Rows",
+    "ShapeSurface",
     "SignedDistances",
     "SphereCentres",
     "SphereContacts",

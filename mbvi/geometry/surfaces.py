@@ -18,7 +18,7 @@ _MOST_STRIPS = 100_000
 
 
 def revolved(profile: Sequence[Sequence[float]] | Array, segments: int = 48) -> tuple[Array, Array]:
-    """Return a surface of revolution about z.
+    """Return a surface of revolution about z; the free side of boxes is towards the axis where the profile goes up.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ def revolved(profile: Sequence[Sequence[float]] | Array, segments: int = 48) -> 
     ring = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     vertices = np.concatenate([np.column_stack([r * ring, np.full(segments, z)]) for r, z in line])
     k = np.arange(segments)
-    quads = [np.stack([k, (k + 1) % segments, (k + 1) % segments + segments, k + segments], axis=1) + row * segments
+    quads = [np.stack([k, k + segments, (k + 1) % segments + segments, (k + 1) % segments], axis=1) + row * segments
              for row in range(len(line) - 1)]  # fmt: skip
     return vertices, _halves(np.concatenate(quads))
 

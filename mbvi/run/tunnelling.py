@@ -181,8 +181,14 @@ class TunnellingGuard:
         if start <= tolerance:
             # a pair that touches at the start: it passes only if its gap falls, and a short step lets the law act on it
             begin, rise = short, gap(short) - start
+            if rise < -near:
+                return short
+            if not family.parted:
+                # it may turn and touch elsewhere: it must not sink so far that it is no longer found
+                deep = max(0.5 * thickness, 0.2 * thickness - start)
+                return begin + first_root_by_slope(lambda x: gap(begin + x) + deep, 1.0 - begin, travel)
             if rise < near:
-                return short if rise < -near else 1.0
+                return 1.0
         x = begin + first_root_by_slope(lambda x: gap(begin + x), 1.0 - begin, travel)
         return min(x + short, 1.0) if x < 1.0 and gap(x) <= near else 1.0
 

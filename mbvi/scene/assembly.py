@@ -15,6 +15,7 @@ from ..constraints import (
     JointLimits,
     MovingFrame,
     MovingWalls,
+    ShapeSurface,
     SignedDistances,
     SphereCentres,
     SphereContacts,
@@ -34,7 +35,7 @@ from .forces.actuation import actuated
 from .items import SceneItems, SurfaceItem
 from .model import SceneModel, Start
 from .pairs.passing import passing_robots
-from .pairs.rules import resistances_of
+from .pairs.rules import refuse_others, resistances_of
 from .pairs.settings import LeftOut, LeftOutAround, PairSetting
 from .plane import check_plane, collinear_points
 from .reductions import DEFAULT_REDUCTIONS, Omission
@@ -101,16 +102,12 @@ class _ConstraintBuilder:
     def _at_surfaces(self, system: Any, surfaces: list[SurfaceItem], shapes: list[PlacedShape]) -> Iterator[Any]:
         for item in surfaces:
             meeting = [s for s in shapes if self._meet(item.name, s.name)]
-            others = [s.name for s in meeting if not isinstance(s.shape, Sphere)]
-            if others:
-                raise InputError(
-                    f"{others[0]} would meet {item.name}, but a mesh as it is meets spheres only: take its hull by "
-                    f"add_mesh(..., fixed=True), several of these, or boxes, or let them pass through each other by "
-                    f"exclude({others[0]!r}, {item.name!r})"
-                )
-            if meeting:
-                e, mu = self._settings([(item.name, s.name) for s in meeting])
-                yield SphereSurface(system, meeting, item.placed(), item.name, e, mu)
+            refuse_others(item.name, meeting)
+            for kind, round_ones in ((SphereSurface, True), (ShapeSurface, False)):
+                some = [s for s in meeting if isinstance(s.shape, Sphere) == round_ones]
+                if some:
+                    e, mu = self._settings([(item.name, s.name) for s in some])
+                    yield kind(system, some, item.placed(), item.name, e, mu)
 
     def _meet(self, a: str, b: str) -> bool:
         """Return whether the pair of two shapes, or a wall and a shape, is not left out."""

@@ -134,8 +134,9 @@ class Walls:
     ) -> str:
         """Add a triangle mesh of the world as it is, hollows and all: a funnel, a drum, terrain.
 
-        It is a sheet, solid from both sides, unless it is `one_sided`, for spheres alone: free ones, and those on
-        robots and bodies. `mbvi.surfaces` makes meshes; `add_mesh(path, convex=False)` reads one that may be solid.
+        Spheres, boxes, hulls and capsules meet it, those of robots included: spheres from both sides, unless it is
+        `one_sided`, the others where the corners of its triangles run anticlockwise, as solid behind them.
+        `mbvi.surfaces` makes meshes; `add_mesh(path, convex=False)` reads one that may be solid.
 
         Parameters
         ----------

@@ -331,9 +331,13 @@ def test_wrong_meshes_say_what_is_wrong(call, message):
         call(mbvi.Scene())
 
 
-def test_other_shapes_than_spheres_are_refused_at_a_mesh():
+@pytest.mark.parametrize("kind", ["cylinder", "ellipsoid"])
+def test_cylinders_and_ellipsoids_are_refused_at_a_mesh(kind):
     scene = mbvi.Scene()
     scene.add_surface(*bumps(0))
-    scene.add_box((0.1, 0.1, 0.1), position=(0, 0, 1))
-    with pytest.raises(mbvi.InputError, match="box would meet surface, but a mesh as it is meets spheres only"):
+    if kind == "cylinder":
+        scene.add_cylinder(0.1, 0.2, position=(0, 0, 1))
+    else:
+        scene.add_ellipsoid((0.1, 0.2, 0.3), position=(0, 0, 1))
+    with pytest.raises(mbvi.InputError, match=f"{kind} would meet surface, but a mesh as it is meets spheres, boxes"):
         scene.build()

@@ -34,6 +34,7 @@ from support.plain.support_points import stand_plain
 from support.robot_arguments import cone, contact_rows, moving_robot, restitution, rotation, unit
 from support.settle_arguments import SETTLE_ARGUMENTS
 from support.spin_arguments import SPIN_ARGUMENTS
+from support.surface_arguments import SURFACE_ARGUMENTS
 
 SEEDS = range(20)
 SHAPES = [
@@ -1052,6 +1053,7 @@ ARGUMENTS = {
     **LOOP_ARGUMENTS,
     **DISTANCE_ARGUMENTS,
     **PATCH_ARGUMENTS,
+    **SURFACE_ARGUMENTS,
     **CLOSED_FORM_ARGUMENTS,
     **CONTACT_BLOCK_ARGUMENTS,
     **COULOMB_ARGUMENTS,

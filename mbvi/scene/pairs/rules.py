@@ -9,10 +9,22 @@ import numpy as np
 from ...arguments import between, not_negative, printable, shown
 from ...constraints.rotations import Resistances
 from ...errors import InputError
+from ...geometry.shapes.convex_cores import has_core
+from ...geometry.shapes.shapes import PlacedShape, Sphere
 from ..items import SceneItems
 
 # most links and single bodies that an error names
 _MOST_NAMED = 50
+
+
+def refuse_others(surface: str, shapes: list[PlacedShape]) -> None:
+    """Raise `InputError` if one of the shapes that would meet a surface cannot."""
+    others = [s.name for s in shapes if not (isinstance(s.shape, Sphere) or has_core(s.shape))]
+    if others:
+        raise InputError(
+            f"{others[0]} would meet {surface}, but a mesh as it is meets spheres, boxes, hulls and capsules only: use "
+            f"one of these, or let them pass through each other by exclude({others[0]!r}, {surface!r})"
+        )
 
 
 def friction_coefficients(value: Any, name: str) -> tuple[float, float, float]:

@@ -1,0 +1,379 @@
+"""Boxes, hulls and capsules on triangle meshes: rows of the features that touch, and motion without inner edges."""
+
+import coal
+import numpy as np
+import pytest
+from scipy.spatial import ConvexHull, Delaunay
+
+import mbvi
+from mbvi.constraints import ShapeSurface
+
+SCHEMES = [mbvi.Paoli(), mbvi.Centered(), mbvi.StewartTrinkle()]
+CORNERS = 0.5 * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+UPRIGHT = np.eye(3)
+
+
+def about(axis, angle):
+    """A rotation about x, y or z."""
+    c, s, i = np.cos(angle), np.sin(angle), "xyz".index(axis)
+    turn = np.eye(3)
+    j, k = (i + 1) % 3, (i + 2) % 3
+    turn[j, j] = turn[k, k] = c
+    turn[k, j], turn[j, k] = s, -s
+    return turn
+
+
+def tiled_plane(seed, points=300, half=8.0):
+    """A square whose triangles are drawn at random, with normals along z."""
+    rng = np.random.default_rng(seed)
+    corners = half * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    place = np.concatenate([rng.uniform(-half, half, (points, 2)), corners])
+    corner = Delaunay(place).simplices
+    a, b, c = (place[corner[:, k]] for k in range(3))
+    turn = np.linalg.det(np.stack([b - a, c - a], axis=1))
+    corner = np.where(turn[:, None] > 0.0, corner, corner[:, ::-1])
+    return np.column_stack([place, np.zeros(len(place))]), corner
+
+
+def extruded(profile, half=2.0, cuts=2):
+    """A mesh over a profile of points (x, z), along y, cut into strips."""
+    profile = np.asarray(profile, dtype=float)
+    n, lines = len(profile), np.linspace(-half, half, cuts)
+    vertices = np.concatenate([np.column_stack([profile[:, 0], np.full(n, y), profile[:, 1]]) for y in lines])
+    corner = [
+        part + s * n
+        for s in range(cuts - 1)
+        for i in range(n - 1)
+        for part in (np.array([i, i + 1, n + i + 1]), np.array([i, n + i + 1, n + i]))
+    ]
+    return vertices, np.array(corner)
+
+
+ROOF = extruded([(-1, -1), (0, 0), (1, -1)])
+VALLEY = extruded([(-1, 1), (0, 0), (1, 1)])
+STEP = extruded([(-1, 0), (0, 0), (0, -0.5), (1, -0.5)])
+TRENCH = extruded([(-1, 0), (0, 0), (0, -0.5), (0.05, -0.5), (0.05, 0), (3, 0)])
+_BASE = [[-0.05, -0.05, -0.1], [0.05, -0.05, -0.1], [0.05, 0.05, -0.1], [-0.05, 0.05, -0.1]]
+PYRAMID = np.array([*_BASE, [0.0, 0.0, 0.0]]), np.array([[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]])
+
+
+def rough_field(rng, n=18, d=0.1):
+    """Drawn heights over a square grid."""
+    line = (np.arange(n) - 0.5 * (n - 1)) * d
+    x, y = np.meshgrid(line, line)
+    height = 0.05 * np.sin(3 * x) * np.cos(2.5 * y) + rng.uniform(0.002, 0.03) * rng.standard_normal((n, n))
+    number = np.arange(n * n).reshape(n, n)
+    a, b, c, e = (part.ravel() for part in (number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]))
+    corner = np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, e])])
+    return np.column_stack([x.ravel(), y.ravel(), height.ravel()]), corner
+
+
+def scene_of(kind, position, rotation=UPRIGHT, velocity=(0, 0, 0), mesh=None, size=(0.2, 0.15, 0.1), **settings):
+    scene = mbvi.Scene(restitution=settings.pop("restitution", 0.0), **settings)
+    given = {"mass": 1.0, "position": position, "rotation": rotation, "velocity": velocity, "name": "body"}
+    if mesh is not None:
+        scene.add_surface(*mesh, name="ground")
+    if kind == "box":
+        scene.add_box(size, **given)
+    elif kind == "capsule":
+        # lying along x
+        scene.add_capsule(0.05, 0.3, **{**given, "rotation": rotation @ about("y", 0.5 * np.pi)})
+    else:
+        # a prism of six sides on one of them, 0.05 above its lowest points
+        angles = np.pi / 3 * np.arange(6)
+        ring = 0.1 / np.sqrt(3) * np.column_stack([np.cos(angles), np.sin(angles)])
+        points = np.concatenate([np.column_stack([np.full(6, x), ring]) for x in (-0.1, 0.1)])
+        scene.add_convex(points, [position], mass=1.0, rotations=[rotation], velocities=[velocity], name="body")
+    return scene
+
+
+def rows_of(problem, tolerance=1e-9):
+    family = next(f for f in problem.constraints.families if isinstance(f, ShapeSurface))
+    return family.contacts(0.0, problem.q0, tolerance)
+
+
+def same_points(found, expected):
+    order = np.lexsort(np.round(found, 9).T)
+    other = np.lexsort(np.round(expected, 9).T)
+    np.testing.assert_allclose(found[order], np.asarray(expected)[other], rtol=0, atol=1e-12)
+
+
+# motion
+
+
+@pytest.mark.parametrize("scheme", SCHEMES, ids=lambda s: type(s).__name__)
+@pytest.mark.parametrize(
+    ("kind", "slope", "mu"), [("box", 0.0, 0.0), ("box", 0.3, 0.2), ("hull", 0.3, 0.2), ("capsule", 0.3, 0.0)]
+)
+def test_motion_over_any_triangulation_is_that_over_a_half_space(scheme, kind, slope, mu):
+    turn = about("y", slope) @ about("x", 0.1 * (slope > 0.0))
+
+    def run(seed):
+        scene = scene_of(kind, turn @ [0.02, 0.01, 0.05], turn, turn @ [1.0, 0.05, 0.0], friction=mu)
+        if seed is None:
+            scene.add_halfspace(turn @ [0, 0, 1], name="ground")
+        else:
+            vertices, corner = tiled_plane(seed)
+            scene.add_surface(vertices, corner, rotation=turn, name="ground")
+        return mbvi.simulate(scene.build(), scheme, step=2e-2, duration=2.0, progress=False)
+
+    expected = run(None)
+    for seed in (1, 2):
+        found = run(seed)
+        np.testing.assert_allclose(found.q, expected.q, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(found.v, expected.v, rtol=0, atol=1e-9)
+    if slope == 0.0:
+        np.testing.assert_allclose(found.v[-1], [1.0, 0.05, 0, 0, 0, 0], rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("scheme", SCHEMES, ids=lambda s: type(s).__name__)
+def test_a_box_slides_over_a_trench_at_its_speed(scheme):
+    scene = scene_of("box", (-0.3, 0, 0.05), about("z", 0.3), (1.0, 0, 0), TRENCH)
+    run = mbvi.simulate(scene.build(), scheme, step=1e-3, duration=0.5, progress=False)
+    np.testing.assert_allclose(run.v[-1], [1, 0, 0, 0, 0, 0], rtol=0, atol=1e-12)
+    assert abs(run.q[-1][2] - 0.05) < 1e-9
+
+
+def clipped(triangle, planes):
+    """The part of a triangle inside of planes n . x + c <= 0."""
+    polygon = list(triangle)
+    for plane in planes:
+        kept, heights = [], [float(plane[:3] @ x + plane[3]) for x in polygon]
+        for i, a in enumerate(polygon):
+            b, one, two = polygon[(i + 1) % len(polygon)], heights[i], heights[(i + 1) % len(polygon)]
+            if one <= 0.0:
+                kept.append(a)
+            if one * two < 0.0:
+                kept.append(a + (b - a) * one / (one - two))
+        polygon = kept
+        if not polygon:
+            break
+    return polygon
+
+
+def depth_in_graph(mesh, points):
+    """How far a hull of points must rise to leave a graph: triangles are clipped by its faces, none of mbvi's code."""
+    vertices, corner = mesh
+    planes, worst = ConvexHull(points).equations, 0.0
+    below, triangles = planes[planes[:, 2] < -1e-9], vertices[corner]
+    near = (triangles.max(axis=1) >= points.min(axis=0)).all(axis=1)
+    near &= (triangles.min(axis=1) <= points.max(axis=0)).all(axis=1)
+    for triangle in triangles[near]:
+        for x in clipped(triangle, planes):
+            worst = max(worst, float(((below[:, :3] @ x + below[:, 3]) / below[:, 2]).min()))
+    return worst
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_boxes_fall_on_rough_fields_no_deeper_than_a_step_leads(seed):
+    rng = np.random.default_rng(seed)
+    mesh, size = rough_field(rng), rng.uniform(0.05, 0.3, 3)
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    scheme, h = SCHEMES[seed % 3], 2e-3
+    place = (*rng.uniform(-0.2, 0.2, 2), 0.4)
+    scene = scene_of("box", place, turn * np.linalg.det(turn), (0.3, 0.2, 0), mesh, size, friction=0.5 * (seed % 2))
+    problem = scene.build()
+    run = mbvi.simulate(problem, scheme, step=h, duration=0.6, progress=False)
+    body = problem.system.bodies.index("body") if "body" in problem.system.bodies else 1
+    fastest = np.abs(run.v[:, :3]).max() + np.linalg.norm(size) * np.abs(run.v[:, 3:]).max()
+    depths = []
+    for q in run.q[::10]:
+        placement = problem.system.placements(q, np.array([body]))[0]
+        depths.append(depth_in_graph(mesh, (CORNERS * size) @ placement[:3] + placement[3]))
+    assert len(run.impacts) > 0
+    assert max(depths) <= (1e-4 if isinstance(scheme, mbvi.StewartTrinkle) else h * fastest)
+
+
+@pytest.mark.parametrize("kind", ["box", "hull", "capsule"])
+def test_nothing_falls_through_at_fifty_metres_per_second(kind):
+    """Fifty metres per second are five times the box in a step of 10 ms."""
+    mesh = rough_field(np.random.default_rng(3))
+    for k, scheme in enumerate(SCHEMES):
+        scene = scene_of(kind, (0.01, 0.02, 1.0), about("x", 0.4 * k), (1.0, 0, -50.0), mesh, friction=0.5)
+        run = mbvi.simulate(scene.build(), scheme, step=1e-2, duration=0.04, progress=False)
+        assert run.q[-1][2] > -0.05
+        assert len(run.impacts) > 0
+
+
+@pytest.mark.parametrize("scheme", SCHEMES, ids=lambda s: type(s).__name__)
+def test_a_box_balances_on_a_ridge_and_tips_beside_it(scheme):
+    run = mbvi.simulate(
+        scene_of("box", (0, 0, 0.05), mesh=ROOF).build(), scheme, step=1e-3, duration=0.2, progress=False
+    )
+    assert np.abs(run.v).max() < 1e-12
+    scene = scene_of("box", (0.01, 0, 0.05), mesh=ROOF)
+    run = mbvi.simulate(scene.build(), scheme, step=1e-3, duration=0.2, progress=False)
+    assert run.v[-1][4] > 0.5
+
+
+@pytest.mark.parametrize("scheme", SCHEMES, ids=lambda s: type(s).__name__)
+def test_a_box_falls_into_a_valley_and_rests_on_both_sides(scheme):
+    scene = scene_of("box", (0, 0, 0.15), about("y", np.pi / 4), mesh=VALLEY, size=(0.2, 0.2, 0.2))
+    run = mbvi.simulate(scene.build(), scheme, step=1e-3, duration=0.2, progress=False)
+    assert np.abs(run.v[-1]).max() < 1e-12
+    assert run.penetration().max() < 5e-4
+
+
+# rows
+
+
+def test_a_box_on_a_ridge_has_the_crossings_of_its_edges():
+    rows = rows_of(scene_of("box", (0.02, 0, 0.05), mesh=ROOF).build())
+    same_points(rows.point, [[0, -0.075, 0], [0, 0.075, 0]])
+    np.testing.assert_allclose(rows.normal, [[0, 0, 1]] * 2, rtol=0, atol=1e-12)
+
+
+def test_a_box_in_a_valley_touches_both_sides():
+    scene = scene_of("box", (0, 0, 0.1 * np.sqrt(2)), about("y", np.pi / 4), mesh=VALLEY, size=(0.2, 0.2, 0.2))
+    rows = rows_of(scene.build())
+    assert len(rows.gap) == 8
+    for side in (-1.0, 1.0):
+        normal = np.array([side, 0.0, 1.0]) / np.sqrt(2)
+        assert (rows.normal @ normal > 1.0 - 1e-12).sum() == 4
+
+
+def test_a_box_over_a_step_touches_the_rim():
+    rows = rows_of(scene_of("box", (0.02, 0, 0.05), mesh=STEP).build())
+    same_points(rows.point, [[x, y, 0] for x in (-0.08, 0.0) for y in (-0.075, 0.075)])
+    np.testing.assert_allclose(rows.normal, [[0, 0, 1]] * 4, rtol=0, atol=1e-12)
+
+
+def test_a_face_rests_on_a_peak_that_is_smaller():
+    rows = rows_of(scene_of("box", (0.03, 0.02, 0.05), mesh=PYRAMID).build())
+    np.testing.assert_allclose(rows.point, [[0, 0, 0]], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(rows.normal, [[0, 0, 1]], rtol=0, atol=1e-12)
+
+
+def test_crossed_edges_have_the_normal_across_both():
+    turn = about("z", 1.0) @ about("x", np.pi / 4)
+    scene = scene_of("box", (0, 0, 0.1 * np.sqrt(2) + 1e-3), turn, mesh=ROOF, size=(0.5, 0.2, 0.2))
+    rows = rows_of(scene.build(), 0.01)
+    np.testing.assert_allclose(rows.gap, [1e-3], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(rows.normal, [[0, 0, 1]], rtol=0, atol=1e-12)
+
+
+def test_many_peaks_below_a_face_have_few_rows():
+    spikes = [(0.02 * i, 0.02 * (i % 2) - 0.02) for i in range(-20, 21)]
+    mesh = extruded(spikes, cuts=2)
+    rows = rows_of(scene_of("box", (0, 0, 0.05), mesh=mesh, size=(0.5, 0.3, 0.1)).build())
+    assert 4 <= len(rows.gap) <= 8
+    assert np.ptp(rows.point[:, 0]) > 0.4
+
+
+def test_a_thin_plate_is_touched_from_above_only():
+    """The lower side of a plate is near too, but the box is not on its free side."""
+    n, bottom = 0.5, -0.004
+    top = np.array([[-n, -n, 0], [n, -n, 0], [n, n, 0], [-n, n, 0]])
+    vertices = np.concatenate([top, top + np.array([0, 0, bottom])])
+    sides = [[k, 4 + k, (k + 1) % 4] for k in range(4)] + [[(k + 1) % 4, 4 + k, 4 + (k + 1) % 4] for k in range(4)]
+    mesh = vertices, np.array([[0, 1, 2], [0, 2, 3], [4, 6, 5], [4, 7, 6], *sides])
+    scene = scene_of("box", (0, 0, 0.05), mesh=mesh)
+    run = mbvi.simulate(scene.build(), mbvi.Paoli(), step=1e-3, duration=0.1, progress=False)
+    assert abs(run.q[-1][2] - 0.05) < 1e-6
+
+
+@pytest.mark.parametrize("kind", ["box", "hull", "capsule"])
+def test_a_mesh_is_solid_behind_its_triangles_only(kind):
+    vertices, corner = tiled_plane(1)
+    for some, rests in ((corner, True), (corner[:, ::-1], False)):
+        run = mbvi.simulate(scene_of(kind, (0, 0, 0.06), mesh=(vertices, some)).build(), step=5e-3, duration=0.2)
+        assert (abs(run.q[-1][2] - 0.05) < 1e-3) == rests
+
+
+def test_a_scene_with_a_mesh_is_saved_and_shown(tmp_path):
+    scene = scene_of("box", (0.02, 0, 0.05), mesh=STEP, velocity=(-0.5, 0, 0), friction=0.3)
+    problem = scene.build()
+    assert "1 shape at a mesh" in problem.report()
+    run = mbvi.simulate(problem, mbvi.Paoli(), step=1e-3, duration=0.05, record="contacts", progress=False)
+    assert len(run.contacts(0.03)) >= 2
+    run.save(tmp_path / "run.npz")
+    again = mbvi.load(tmp_path / "run.npz")
+    other = mbvi.simulate(again.problem, mbvi.Paoli(), step=1e-3, duration=0.05, progress=False)
+    np.testing.assert_array_equal(other.q, run.q)
+    run.save(tmp_path / "run.html")
+    assert (tmp_path / "run.html").stat().st_size > 10_000
+
+
+def test_schemes_with_their_own_steps_land_boxes_on_meshes():
+    run = mbvi.simulate(scene_of("box", (0, 0, 0.07), mesh=tiled_plane(1)).build(), mbvi.Adaptive(), duration=0.2)
+    assert abs(run.q[-1][2] - 0.05) < 1e-9
+    run = mbvi.simulate(scene_of("box", (0, 0, 0.07), mesh=tiled_plane(1)).build(), mbvi.EventDriven(), duration=0.1)
+    assert "where gradients jump" in " ".join(run.notes)
+
+
+def matching(rows, others, i):
+    """The row of others next to row i."""
+    apart = np.linalg.norm(rows.point[i] - others.point, axis=1) + np.linalg.norm(
+        rows.normal[i] - others.normal, axis=1
+    )
+    k = int(apart.argmin())
+    return k if apart[k] < 1e-3 else -1
+
+
+@pytest.mark.parametrize("kind", ["box", "hull", "capsule"])
+def test_gradients_are_differences_of_gaps(kind):
+    rng, checked, kinds = np.random.default_rng(5), 0, set()
+    for _ in range(25):
+        mesh = rough_field(rng)
+        turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+        place = (*rng.uniform(-0.3, 0.3, 2), 0.4)
+        problem = scene_of(kind, place, turn * np.linalg.det(turn), mesh=mesh).build()
+        family = next(f for f in problem.constraints.families if isinstance(f, ShapeSurface))
+        q = problem.q0.copy()
+        q[2] -= family.gap(0.0, q)[0] + 0.005
+        rows, h, system = family.contacts(0.0, q, 0.02), 1e-6, problem.system
+        if rows is None:
+            continue
+        for k in range(system.nv):
+            step = h * np.eye(system.nv)[k]
+            plus, minus = (family.contacts(0.0, system.integrate(q, s * step), 0.02 + 1e-5) for s in (1, -1))
+            for i in range(len(rows.gap)):
+                a, b = matching(rows, plus, i), matching(rows, minus, i)
+                if a >= 0 and b >= 0:
+                    slope = (plus.gap[a] - minus.gap[b]) / (2 * h)
+                    assert slope == pytest.approx(rows.jacobian[i][k], abs=2e-6)
+                    checked += 1
+        kinds |= set(np.round(rows.normal[:, 2], 6).tolist())
+    assert checked > 150
+    assert len(kinds) > 30
+
+
+@pytest.mark.parametrize("kind", ["box", "hull", "capsule"])
+def test_distances_far_away_are_those_of_coal(kind):
+    rng = np.random.default_rng(8)
+    for _ in range(10):
+        vertices, corner = rough_field(rng)
+        turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+        problem = scene_of(kind, (*rng.uniform(-0.5, 0.5, 2), 0.5), turn * np.linalg.det(turn), mesh=(vertices, corner))
+        problem = problem.build()
+        family = next(f for f in problem.constraints.families if isinstance(f, ShapeSurface))
+        mesh = coal.BVHModelOBBRSS()
+        mesh.beginModel(len(corner), len(vertices))
+        mesh.addVertices(vertices)
+        mesh.addTriangles(corner)
+        mesh.endModel()
+        shape = next(s for s in problem.scene.shapes if s.body)
+        place = problem.system.placements(problem.q0, np.array([shape.body]))[0]
+        pose = coal.Transform3s(place[:3].T @ shape.rotation, shape.position @ place[:3] + place[3])
+        request, result = coal.DistanceRequest(), coal.DistanceResult()
+        expected = coal.distance(mesh, coal.Transform3s(), shape.shape.coal(), pose, request, result)
+        assert family.gap(0.0, problem.q0)[0] == pytest.approx(expected, abs=1e-5)
+
+
+@pytest.mark.parametrize("name", ["funnel", "drum", "hourglass", "chute", "terrain"])
+def test_made_surfaces_hold_boxes_within(name):
+    rows = np.linspace(-1.0, 1.0, 3)
+    surfaces = mbvi.surfaces
+    mesh, start = {
+        "funnel": (surfaces.funnel(1.0, 0.02, 1.0), (0.1, 0, 0.6)),
+        "drum": (surfaces.drum(1.0, 1.0), (0.1, 0, -0.7)),
+        "hourglass": (surfaces.hourglass(1.0, 0.02, 1.0), (0.1, 0, 0.6)),
+        "chute": (surfaces.chute(4.0, 1.0, 0.2, 0.3), (-2.0, 0, 0.6)),
+        "terrain": (surfaces.terrain(rows, rows, np.zeros((3, 3))), (0.1, 0, 0.2)),
+    }[name]
+    run = mbvi.simulate(
+        scene_of("box", start, mesh=mesh).build(), mbvi.Paoli(), step=2e-3, duration=0.4, progress=False
+    )
+    # it has stayed much longer than a free fall takes, 0.78 m
+    assert run.q[-1][2] > start[2] - 0.55
+    assert len(run.impacts) > 0
