@@ -1,7 +1,7 @@
 """A turning drum of twelve plates and four vanes tumbles boxes: its work becomes energy of the boxes, or is lost.
 
-`python examples/box_drum.py drum.html 60` runs it with 60 boxes and writes the replay too. Surfaces meet spheres only,
-so that a container for boxes is made of fixed boxes.
+`python examples/box_drum.py drum.html 60` runs it with 60 boxes and writes the replay too. The drum is made of fixed
+boxes, which have a thickness.
 """
 
 import sys
