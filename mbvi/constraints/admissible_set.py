@@ -244,12 +244,12 @@ class AdmissibleSet(Rebuilt):
         """
         found = self.cache.contacts(t, q, tolerance, origin, moved)
         rows = concatenate(found) if found else self.empty
-        return Rows(*rows[:7], self._tangents(t, q, rows)) if self.frictional else rows
+        return Rows(*rows[:7], self.tangents_of(t, q, rows)) if self.frictional else rows
 
     def rows_of(self, k: int, t: float, q: Array, tolerance: float) -> Rows | None:
         """Return the rows of family number k, one that is queried at every step; see `active`."""
         rows = self.cache.rows_of(k, t, q, tolerance)
-        return rows._replace(tangents=self._tangents(t, q, rows)) if rows is not None and self.frictional else rows
+        return rows._replace(tangents=self.tangents_of(t, q, rows)) if rows is not None and self.frictional else rows
 
     def at_places(self, t: float, q: Array, rows: Rows) -> Rows:
         """Return rows with the gradients that contacts at the same points and normals have at q.
@@ -266,9 +266,9 @@ class AdmissibleSet(Rebuilt):
                 part = part._replace(jacobian=there)
             parts.append(part)
         rows = take(concatenate(parts), np.argsort(order, kind="stable"))
-        return rows._replace(tangents=self._tangents(t, q, rows)) if self.frictional else rows
+        return rows._replace(tangents=self.tangents_of(t, q, rows)) if self.frictional else rows
 
-    def _tangents(self, t: float, q: Array, rows: Rows) -> Tangents:
+    def tangents_of(self, t: float, q: Array, rows: Rows) -> Tangents:
         """Return the tangents of rows, with axes of rotation where problems have torsional or rolling friction."""
         tangents = self._plain_tangents(t, q, rows)
         if self.resistance is None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from ...results.contacts import ContactLog
 from ...results.run_data import Array, Impact, RunRecord
 from ...results.trajectory import Trajectory
 from ...schemes import EventDriven
+from ...schemes.contact_friction import ContactFriction, regime
 from ...schemes.event_driven.impact_event import ImpactEvent
 from ...schemes.event_driven.integrator import EventDrivenIntegrator
 from ...schemes.event_driven.reactions import reactions
@@ -98,7 +100,7 @@ class _EventRecorder:
         self._append_state(event.t, event.q, event.after, integrator.depth, self._no_motion)
         percussion, before, after = event.rates
         taking_part = percussion > 0.0
-        metric = self._problem.system.metric(event.q)
+        metric, friction = self._problem.system.metric(event.q), event.friction
         jump, mean = event.after - event.before, event.after + event.before
         names = map(self._problem.constraints.name, event.number[taking_part].tolist())
         self.impacts.append(
@@ -111,6 +113,7 @@ class _EventRecorder:
                 event.point[taking_part],
                 event.normal[taking_part],
                 0.5 * float(jump @ metric.apply(mean)),
+                *(() if friction is None else _of_impact(friction, percussion, event.restitution, taking_part)),
             )
         )
 
@@ -169,7 +172,8 @@ def run_event_driven(
     """Run a problem with `EventDriven`; see `simulate`. `watch` is called after each smooth step and impact."""
     # a contact that stays closed is one contact, however far it slides
     problem.constraints.renew()
-    record = _EventRecorder(problem, every, notes, ContactLog(np.inf) if contacts else None)
+    log = ContactLog(np.inf, frictional=problem.constraints.frictional) if contacts else None
+    record = _EventRecorder(problem, every, notes, log)
     so_far = partial(record.trajectory, scheme, complete=False)
     with recorded(problem, scheme, duration, record, so_far, out, progress) as poll:
         integrator = scheme.integrator(problem, projector)
@@ -184,6 +188,13 @@ def run_event_driven(
         record.record_state()
         record.notes += _fallback_notes(integrator.fallbacks)
     return record.trajectory(scheme, complete=True)
+
+
+def _of_impact(friction: ContactFriction, percussion: Array, e: Array | None, taking_part: Array) -> tuple[Any, ...]:
+    """Return the last five fields of an `Impact`."""
+    tangential, before, after, sticks = friction.take(taking_part)
+    regimes = tuple(map(regime, sticks.tolist(), percussion[taking_part].tolist()))
+    return tangential, before, after, regimes, None if e is None else e[taking_part]
 
 
 def _fallback_notes(fallbacks: int) -> list[str]:

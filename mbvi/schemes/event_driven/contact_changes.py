@@ -9,6 +9,7 @@ import numpy as np
 from ...projection import FreeMotion, Metric
 from ...system.system import Array
 from .few_rows import few_rows, held_rows
+from .friction import changes
 from .impact_event import ImpactEvent
 from .motion_state import NO_ROWS, MotionState, certain_rates
 from .release_events import STAYS, complementarity
@@ -65,6 +66,8 @@ def change_contacts(state: MotionState, touching: Array) -> Iterator[ImpactEvent
         The impact, if there is one.
     """
     was_closed, state.closed, state.held = np.isin(touching, state.closed), NO_ROWS, NO_ROWS
+    if state.modes is not None:
+        state.modes.undecided = False
     if not touching.size:
         return
     state.rows.check(state.t, state.q, touching)
@@ -73,15 +76,20 @@ def change_contacts(state: MotionState, touching: Array) -> Iterator[ImpactEvent
     e, before = state.rows.restitution[touching], J @ state.v
     still = certain_rates(J, state.v, state.slow(touching))
     if (before < -still).any():
-        yield _impact(state, touching, was_closed, J, metric, still)
+        rough = state.modes is not None
+        event = changes.strike(state, touching, metric) if rough else _impact(state, touching, was_closed, J, metric, still)
+        yield state.observed.impact(event)
     rest = _resting(state, touching, J, metric, e, still)
     if not rest.size:
         return
-    kept = J[np.isin(touching, rest)]
-    state.v = state.v + velocity_change(metric, kept, -(kept @ state.v))
-    forces, opening = complementarity(state.flow, state.projector, state.t, state.q, state.v, rest)
-    # a contact that other contacts keep closed without its own force stays closed too: it cannot open on its own
-    state.closed = rest[(forces > 0.0) | (opening <= STAYS)]
+    if state.modes is not None:
+        state.closed = changes.settle(state, state.modes, rest)
+    else:
+        kept = J[np.isin(touching, rest)]
+        state.v = state.v + velocity_change(metric, kept, -(kept @ state.v))
+        forces, opening = complementarity(state.flow, state.projector, state.t, state.q, state.v, rest)
+        # a contact that other contacts keep closed without its own force stays closed too: it cannot open on its own
+        state.closed = rest[(forces > 0.0) | (opening <= STAYS)]
     held = held_rows(state.rows, state.t, state.q, state.all_touching, state.closed)
     # of a pair whose features are closed the gap is watched by `first_feature_change`
     state.held = np.union1d(held, state.feature_pairs())
@@ -106,7 +114,7 @@ def _impact(
     point, normal = state.rows.points(state.t, state.q, touching)
     rates = np.array([percussion, before, J @ state.v])
     event = ImpactEvent(state.t, state.q, v, state.v, state.rows.number[touching], rates, point, normal)
-    return state.observed.impact(event)
+    return event
 
 
 def _resting(state: MotionState, touching: Array, J: Array, metric: Metric, e: Array, still: Array) -> Array:
@@ -120,7 +128,9 @@ def _resting(state: MotionState, touching: Array, J: Array, metric: Metric, e: A
     # the contact forces of rows that rest act on the others, so that more of them may rest
     while True:
         acceleration = free
-        if rest.any():
+        if rest.any() and state.modes is not None:
+            acceleration = changes.accelerations(state, state.modes, touching[rest])
+        elif rest.any():
             acceleration = state.projector.project(free, metric, J[rest], -bias[rest]).velocity
         pull = np.minimum(J @ acceleration + bias, 0.0)
         # a contact that the forces close rests if all its bounces last less time than the tolerance, or rise less than

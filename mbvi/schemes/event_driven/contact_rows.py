@@ -9,8 +9,10 @@ import numpy as np
 
 from ...constraints import AdmissibleSet, ConstraintFamily, RowTable
 from ...constraints.pair_features import FeatureRows
-from ...constraints.rows import Array
+from ...constraints.rows import Array, Rows
+from ...constraints.tangents import Tangents
 from ...errors import UnsuitableError
+from ...system.free.sparse_rows import dense
 from ...system.lengths import velocity_units
 
 # most sets of rows whose division into families is kept
@@ -167,17 +169,35 @@ class SmoothRows:
         bias = self._each(index, lambda family, rows: family.row_bias(t, q, v, rows), np.zeros(0))
         unknown = np.isnan(bias)
         if unknown.any():
-            bias[unknown] = self._difference(t, q, v, index[unknown])
+            bias[unknown] = self._difference(lambda place: self.gradients(t, place, index[unknown]), q, v)
         return bias
 
-    def _difference(self, t: float, q: Array, v: Array, index: Array) -> Array:
+    def rows(self, t: float, q: Array, index: Array) -> Rows:
+        """Return some rows in ascending order with their tangents, as schemes of fixed steps have them."""
+        J, nothing = self.gradients(t, q, index), np.zeros(len(index))
+        rows = Rows(self.number[index], nothing, J, self.restitution[index], *self.points(t, q, index))
+        return rows._replace(tangents=self._constraints.tangents_of(t, q, rows))
+
+    def tangents(self, t: float, q: Array, index: Array) -> Tangents:
+        """Return the tangents of some rows in ascending order, dense."""
+        nothing = np.zeros(len(index))
+        none = np.zeros((len(index), self._system.nv))
+        rows = Rows(self.number[index], nothing, none, nothing, *self.points(t, q, index))
+        tangents = self._constraints.tangents_of(t, q, rows)
+        return tangents._replace(jacobian=dense(tangents.jacobian))
+
+    def tangent_bias(self, t: float, q: Array, v: Array, index: Array) -> Array:
+        """Return (dT/dt) v of the tangents T of some rows in ascending order, shape (2 k,)."""
+        return self._difference(lambda place: np.asarray(self.tangents(t, place, index).jacobian), q, v)
+
+    def _difference(self, gradients: Callable[[Array], Array], q: Array, v: Array) -> Array:
         """Return (dJ/dt) v by differences of gradients along v."""
         speed = float(np.linalg.norm(v / self._units))
         if speed == 0.0:
-            return np.zeros(len(index))
+            return np.zeros(len(gradients(q)))
         s = _DIFFERENCE / max(speed, _DIFFERENCE)
         move = self._system.integrate
-        rates = [self.gradients(t, move(q, k * s * v), index) @ v for k in (-2.0, -1.0, 1.0, 2.0)]
+        rates = [gradients(move(q, k * s * v)) @ v for k in (-2.0, -1.0, 1.0, 2.0)]
         return np.asarray((rates[0] - 8 * rates[1] + 8 * rates[2] - rates[3]) / (12 * s))
 
     def bearing(self, t: float, q: Array, index: Array) -> Array:

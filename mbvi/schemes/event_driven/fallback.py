@@ -11,6 +11,7 @@ from ...errors import ProjectionError
 from ...projection import FreeMotion
 from ...projection.positions.travel import MOST_LINEARISATIONS
 from ...system.system import Array
+from ..contact_friction import friction_of
 from ..paoli import Paoli
 from ..step import closes, still_rates
 from .contact_changes import change_contacts, touching_rows
@@ -49,7 +50,7 @@ def fall_back(state: MotionState, end: float) -> Iterator[RungeKuttaStep | Impac
             return
         state.fallbacks += 1
         active = yield from _paoli_step(state, h, end)
-        if not np.isin(active, jumping).any():
+        if not (len(active) if state.modes is not None else np.isin(active, jumping).any()):
             break
     state.depth = _move_out(state)
     if state.depth.any():
@@ -95,9 +96,11 @@ def _paoli_step(state: MotionState, h: float, end: float) -> Generator[RungeKutt
     yield straight
     state.v = step.v
     if closing.any():
-        number, _, _, _, point, normal, *_ = take(step.active, percussion > 0.0)
+        number, _, _, e, point, normal, *_ = take(step.active, percussion > 0.0)
         rates = step.rates[[0, 3, 2]][:, percussion > 0.0]
-        yield state.observed.impact(ImpactEvent(state.t, step.q, v, step.v, number, rates, point, normal))
+        friction = friction_of(step)
+        more = () if friction is None else (friction.take(percussion > 0.0), e)
+        yield state.observed.impact(ImpactEvent(state.t, step.q, v, step.v, number, rates, point, normal, *more))
     return step.active.constraint
 
 

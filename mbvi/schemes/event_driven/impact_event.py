@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from ...system.system import Array
+from ..contact_friction import ContactFriction
 
 
 class ImpactEvent(NamedTuple):
@@ -24,6 +25,10 @@ class ImpactEvent(NamedTuple):
         Percussion, J v before and J v after of each.
     point, normal : ndarray, shape (k, 3)
         Contact points and normals in the world [m]; NaN where a constraint is no contact.
+    friction : ContactFriction or None
+        None in problems without friction.
+    restitution : ndarray, shape (k,), or None
+        e that the law was applied with, in problems with friction.
     """
 
     t: float
@@ -34,3 +39,5 @@ class ImpactEvent(NamedTuple):
     rates: Array
     point: Array
     normal: Array
+    friction: ContactFriction | None = None
+    restitution: Array | None = None

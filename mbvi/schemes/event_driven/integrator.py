@@ -9,11 +9,11 @@ import numpy as np
 from ...errors import DivergedError
 from ...problem import Problem
 from ...projection import Projector
-from ...system.lengths import velocity_units
 from ...system.system import Array
 from .contact_changes import change_contacts, touching_rows
 from .fallback import STEP, bounce, fall_back
 from .feature_events import drop_features, first_feature_change
+from .friction.events import first_mode_end
 from .impact_event import ImpactEvent
 from .motion_state import NO_ROWS, MotionState
 from .release_events import first_release
@@ -45,7 +45,6 @@ class EventDrivenIntegrator(MotionState):
 
     def __init__(self, problem: Problem, tolerance: float, projector: Projector) -> None:
         super().__init__(problem, tolerance, projector)
-        self._units = velocity_units(self.system, problem.length)
         # steps and events so far, and the time when progress was last checked; the same of events alone
         self._count, self._checked_time = 0, self.t
         self._events, self._events_time = 0, -np.inf
@@ -58,6 +57,10 @@ class EventDrivenIntegrator(MotionState):
         a = self.flow.acceleration(self.t, self.q, self.v, self.closed)
         while self.t < end:
             self._check_progress(duration)
+            if self.modes is not None and not self.modes.begin(self.t, self.q, self.v, self.closed):
+                yield from fall_back(self, end)
+                a = self.flow.acceleration(self.t, self.q, self.v, self.closed)
+                continue
             length = min(h, end - self.t)
             try:
                 step, factor, share, first = self._attempt(a, length)
@@ -138,7 +141,10 @@ class EventDrivenIntegrator(MotionState):
             return None, factor if np.isfinite(error) else _LEAST_FACTOR, 1.0, NO_ROWS
         step = self.flow.with_dense_output(step, self.closed)
         share, first = self.closing.first(step, np.concatenate([self.closed, self.held]))
-        release = first_release(self.flow, self.projector, step, self.closed, share)
+        if self.modes is None:
+            release = first_release(self.flow, self.projector, step, self.closed, share)
+        else:
+            release = first_mode_end(self.modes, step, self.closed, share)
         if release < share:
             share, first = release, NO_ROWS
         change, pairs = first_feature_change(self, step, share)
@@ -172,8 +178,8 @@ class EventDrivenIntegrator(MotionState):
 
     def _error(self, step: RungeKuttaStep) -> float:
         """Return the local error relative to the error that is allowed."""
-        speed = float(np.abs(step.v / self._units).max(initial=1.0))
-        in_chart, *of_v = (step.error.reshape(-1, len(step.v)) / self._units).max(axis=1, initial=0.0).tolist()
+        speed = float(np.abs(step.v / self.units).max(initial=1.0))
+        in_chart, *of_v = (step.error.reshape(-1, len(step.v)) / self.units).max(axis=1, initial=0.0).tolist()
         # np.maximum keeps a NaN
         return float(np.maximum(in_chart, np.max(of_v) / speed) / (_LOCAL * self.tolerance))
 

@@ -6,10 +6,12 @@ import numpy as np
 
 from ...problem import Problem
 from ...projection import Projector
+from ...system.lengths import velocity_units
 from ...system.system import Array
 from ..step import Step
 from .closing_events import ClosingEvents
 from .contact_rows import SmoothRows
+from .friction.modes import ContactModes
 from .observed import ContactObserver
 from .runge_kutta import Flow, velocity_change
 
@@ -36,6 +38,10 @@ class MotionState:
     ----------
     t, q, v
         Time [s], configuration and velocity.
+    modes : ContactModes or None
+        Modes of the closed rows; None in problems without friction.
+    units : ndarray, shape (nv,)
+        See `velocity_units`.
     closed : ndarray of int, shape (k,)
         The rows that are kept closed.
     held : ndarray of int, shape (k,)
@@ -65,6 +71,10 @@ class MotionState:
         self.t, self.q, self.v = problem.t0, problem.q0.copy(), problem.v0.copy()
         self.rows = SmoothRows(problem.constraints, self.t, self.q, problem.length)
         self.flow, self.closing = Flow(problem, self.rows), ClosingEvents(self.system, self.rows)
+        self.units = velocity_units(self.system, problem.length)
+        slow = _SLOW * problem.length
+        self.modes = ContactModes(self.flow, self.rows, slow) if problem.constraints.frictional else None
+        self.flow.modes = self.modes
         self.observed = ContactObserver(problem, self.rows)
         self.closed = self.held = self.all_touching = NO_ROWS
         self.touching = min(problem.tolerance, _TOUCHING * tolerance * problem.length)
@@ -88,8 +98,16 @@ class MotionState:
         """Remove the drift of closed contacts: from the configuration, then from the velocity."""
         for _ in range(2):
             self.depth = np.maximum(self.depth, self.close_gaps(self.closed))
-        J = self.rows.gradients(self.t, self.q, self.closed)
+        J = self._kept_rows()
         self.v = self.v + velocity_change(self.system.metric(self.q), J, -(J @ self.v))
+
+    def _kept_rows(self) -> Array:
+        """Return the gradients of closed rows, and of the tangents along which they stick."""
+        J = self.rows.gradients(self.t, self.q, self.closed)
+        if self.modes is None or not self.modes.sticks.any():
+            return J
+        T = np.asarray(self.rows.tangents(self.t, self.q, self.closed).jacobian)[self.modes.sticks.repeat(2)]
+        return np.concatenate([J, T[T.any(axis=1)]])
 
     def close_gaps(self, index: Array) -> Array:
         """Move the configuration so that some gaps vanish, to first order; return the greatest depths before."""

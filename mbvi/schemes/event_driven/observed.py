@@ -40,7 +40,7 @@ class ContactObserver:
         """Pass on an impact; return it."""
         if self._observe is not None:
             found = event.number, event.rates[0], event.point, event.normal
-            self._observe(partial(contacts_of_rows, *found, 0.0, self._name))
+            self._observe(partial(contacts_of_rows, *found, 0.0, self._name, event.friction))
         return event
 
     def smooth_step(self, step: RungeKuttaStep, closed: Array, t: float, q: Array) -> None:

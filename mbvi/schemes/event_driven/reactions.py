@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
 from ...projection import Projector
 from ...system.system import Array
+from ..contact_friction import friction_of
 from ..step import closes, still_rates
+from .friction.forces import contact_forces
 from .motion_state import MotionState
 from .release_events import complementarity
 from .runge_kutta import RungeKuttaStep
@@ -17,8 +20,8 @@ from .runge_kutta import RungeKuttaStep
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)
 
 
-def reactions(state: MotionState, step: RungeKuttaStep) -> Iterator[tuple[Array, Array, Array, Array]]:
-    """Yield constraint, point, normal and percussion of the contacts of the step that the integrator just took.
+def reactions(state: MotionState, step: RungeKuttaStep) -> Iterator[tuple[Any, ...]]:
+    """Yield constraint, point, normal, percussion and, in problems with friction, friction of the contacts of the step that the integrator just took.
 
     The percussions add up to the integral of the contact forces over the step. Where contacts depend on each other, the
     integral is split into the least percussions that are not negative.
@@ -37,7 +40,12 @@ def reactions(state: MotionState, step: RungeKuttaStep) -> Iterator[tuple[Array,
         # where the step has an impact, that holds all percussions of the step
         active = fallback.active
         if not closes(fallback.rates, still_rates(state.problem, active.constraint)).any():
-            yield active.constraint, active.point, active.normal, fallback.percussion
+            yield active.constraint, active.point, active.normal, fallback.percussion, friction_of(fallback)
+    elif closed.size and state.modes is not None:
+        for node, weight in zip(0.5 * (1.0 + _NODES), 0.5 * _WEIGHTS * step.h, strict=True):
+            t, (q, v) = step.t + node * step.h, step.at(state.system, node)
+            normal, friction = contact_forces(state.rows, state.modes, (t, q, v), closed, weight)
+            yield state.rows.number[closed], *state.rows.points(t, q, closed), normal, friction
     elif closed.size:
         # a separate projector: further calls of the integrator's would change its warm starts, and so its rounding
         projector = Projector(state.projector.residual, state.projector.solver)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
+
 import numpy as np
 
 from ...projection import Projector
@@ -11,7 +14,7 @@ from .runge_kutta import Flow, RungeKuttaStep, least_percussion
 
 # relative acceleration above which a closed contact opens, and below which a contact without a force stays closed; the
 # second is smaller, because otherwise a contact that has just opened could be closed again
-_OPENS, STAYS = 1e-9, 1e-10
+OPENS, STAYS = 1e-9, 1e-10
 # share of a step after which a release is certain, and number of places at which dependent contacts are checked
 _LATER, _CHECKS = 1e-7, 17
 # share of a step to which bisection finds a release
@@ -33,21 +36,34 @@ def first_release(flow: Flow, projector: Projector, step: RungeKuttaStep, closed
     x, _ = first_root(lambda x, of: _forces(flow, step, closed, x * share)[of], np.full(len(closed), np.inf))
     if x == 1.0:
         return 1.0
-    later = min(x * share + _LATER, share)
-    if not _all_stay(flow, projector, step, closed, later):
+    return first_end(partial(_all_stay, flow, projector, step, closed), x * share, share)
+
+
+def first_end(stay: Callable[[float], bool], low: float, share: float) -> float:
+    """Return the first share of a step at which contacts do not stay as they are; 1 if there is none before `share`.
+
+    Parameters
+    ----------
+    stay : callable
+        Whether they stay at a share of the step.
+    low : float
+        Where least-squares forces say first that they do not.
+    share : float
+        Where the search ends.
+    """
+    later = min(low + _LATER, share)
+    if not stay(later):
         # where all forces on a contact vanish at one instant, it opens only after that
-        return later if _all_stay(flow, projector, step, closed, x * share) else x * share
-    # contacts whose rows depend on each other may stay closed although their least-squares forces are negative
-    low = x * share
-    # the first of some places where they do not all stay, then bisection
+        return later if stay(low) else low
+    # contacts whose rows depend on each other may stay closed although their least-squares forces are negative; the
+    # first of some places where they do not all stay, then bisection
     for high in np.linspace(low, share, _CHECKS)[1:].tolist():
-        if _all_stay(flow, projector, step, closed, high):
+        if stay(high):
             low = high
             continue
         while high - low > _BISECTED:
             middle = 0.5 * (low + high)
-            stays = _all_stay(flow, projector, step, closed, middle)
-            low, high = (middle, high) if stays else (low, middle)
+            low, high = (middle, high) if stay(middle) else (low, middle)
         return float(high)
     return 1.0
 
@@ -57,11 +73,11 @@ def _forces(flow: Flow, step: RungeKuttaStep, closed: Array, share: float) -> Ar
     q, v = step.at(flow.system, share)
     free, metric, J, wanted, scale = flow.contact_equations(step.t + share * step.h, q, v, closed)
     G = J @ metric.solve_rows(J).T
-    return np.asarray(least_percussion(G, wanted - J @ free) * G.diagonal() + _OPENS * scale)
+    return np.asarray(least_percussion(G, wanted - J @ free) * G.diagonal() + OPENS * scale)
 
 
 def _all_stay(flow: Flow, projector: Projector, step: RungeKuttaStep, closed: Array, share: float) -> bool:
     """Return whether every closed contact stays closed at a share of the step."""
     q, v = step.at(flow.system, share)
     _, opening = complementarity(flow, projector, step.t + share * step.h, q, v, closed)
-    return bool((opening <= 0.5 * _OPENS).all())
+    return bool((opening <= 0.5 * OPENS).all())

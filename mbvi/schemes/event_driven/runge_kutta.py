@@ -5,7 +5,7 @@ The unknowns of a step are coordinates of a chart: the tangent vector dq from th
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy.linalg import lapack
@@ -16,8 +16,11 @@ from ...system import System
 from ...system.system import Array
 from .contact_rows import SmoothRows
 
+if TYPE_CHECKING:
+    from .friction.modes import ContactModes
+
 # singular values of the Delassus matrix below this count as zero
-_DEPENDENT = 1e-10
+DEPENDENT = 1e-10
 # pivots of its Cholesky factor, relative to the lengths of the rows, above which rows are certainly independent
 _INDEPENDENT = 1e-3
 # degree of the dense output
@@ -117,7 +120,7 @@ def least_percussion(G: Array, change: Array) -> Array:
     """Return the least p with G p = change, G the Delassus matrix of rows that may depend on each other."""
     factor, p, info = lapack.dposv(G, change)
     if info or (factor.diagonal() < _INDEPENDENT * np.sqrt(G.diagonal())).any():
-        p = np.linalg.lstsq(G, change, rcond=_DEPENDENT)[0]
+        p = np.linalg.lstsq(G, change, rcond=DEPENDENT)[0]
     return np.asarray(p)
 
 
@@ -131,6 +134,11 @@ class Flow:
     rows : SmoothRows
         The rows of its constraints.
 
+    Attributes
+    ----------
+    modes : ContactModes or None
+        Modes of closed contacts; None where the problem has no friction.
+
     Notes
     -----
     Dormand and Prince's method of order 8 with its two error estimates and its dense output, which needs three more
@@ -142,6 +150,7 @@ class Flow:
         from scipy.integrate import DOP853
 
         self.system, self.rows = problem.system, rows
+        self.modes: ContactModes | None = None
         n = DOP853.n_stages
         # the stages, the result, which is the first stage of the next step, and those of the dense output
         self._weights = np.zeros((n + 4, n + 4))
@@ -168,6 +177,8 @@ class Flow:
         """
         if not closed.size:
             return self.system.acceleration(t, q, v)
+        if self.modes is not None:
+            return self.modes.acceleration(t, q, v, closed)
         free, metric, J, wanted, _ = self.contact_equations(t, q, v, closed)
         return np.concatenate([free + velocity_change(metric, J, wanted - J @ free), free])
 

@@ -45,7 +45,12 @@ class EventDriven(OwnStepsScheme):
 
     def check(self, problem: Problem) -> None:
         """Raise `UnsuitableError` if walls move by a prescribed motion, or if there is friction."""
-        refuse_friction(problem, self, "it does not know the events of sticking and slipping yet")
+        if problem.system.has_joint_friction:
+            refuse_friction(problem, self, "")
+        if problem.constraints.resistance is not None:
+            raise UnsuitableError(
+                "EventDriven has no torsional and rolling friction: take Centered(project_positions=True) or another scheme"
+            )
         if problem.constraints.moving:
             raise UnsuitableError(
                 "EventDriven does not know walls that move on their own yet: take Paoli or another scheme"

@@ -1,0 +1,65 @@
+"""What contacts with friction do at an event: impacts, and which contacts stay closed, stick and slip."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ....projection import FreeMotion, Metric
+from ....system.system import Array
+from ...contact_friction import friction_of
+from ...step import Step, law
+from ..impact_event import ImpactEvent
+from ..motion_state import MotionState
+from ..release_events import STAYS
+from ..runge_kutta import velocity_change
+from .decision import decide
+from .modes import STILL, ContactModes
+
+# slip that counts as none where no contact has just stopped, relative to the sum of its terms: more than what the
+# solver of the law leaves
+_STILL = 1e-10
+
+
+def strike(state: MotionState, touching: Array, metric: Metric) -> ImpactEvent:
+    """Apply the law (8) with Coulomb's law to the touching rows."""
+    v, rows = state.v, state.rows.rows(state.t, state.q, touching)
+    applied = law(state.projector, v, FreeMotion(v, metric), rows)
+    state.v, state.residual, state.impact_time = applied.velocity, applied.residual, state.t
+    rates, used = applied.rates, applied.rows
+    step = Step(state.t, state.q, state.v, used, rates, applied.residual, applied.slip)
+    both = rates[[0, 3, 2]]
+    return ImpactEvent(
+        state.t, state.q, v, state.v, used.constraint, both, used.point, used.normal, friction_of(step), used.restitution
+    )  # fmt: skip
+
+
+def accelerations(state: MotionState, modes: ContactModes, rest: Array) -> Array:
+    """Return dv/dt where some rows rest."""
+    equations = modes.equations(state.t, state.q, state.v, rest)
+    found = decide(equations, np.linalg.norm(equations.slip, axis=1) > _still(state, modes, equations.still))
+    return equations.normals.free if found is None else found.acceleration
+
+
+def settle(state: MotionState, modes: ContactModes, rest: Array) -> Array:
+    """Stop what rests, choose the modes of resting rows, and return those that stay closed."""
+    equations = modes.equations(state.t, state.q, state.v, rest)
+    slides = np.linalg.norm(equations.slip, axis=1) > _still(state, modes, equations.still)
+    kept = np.concatenate([equations.normals.J, equations.T[~slides & (equations.mu > 0.0)].reshape(-1, len(state.v))])
+    kept = kept[kept.any(axis=1)]
+    state.v = state.v + velocity_change(equations.normals.metric, kept, -(kept @ state.v))
+    found = decide(modes.equations(state.t, state.q, state.v, rest), slides)
+    modes.stopped, modes.undecided = False, found is None
+    if found is None:
+        modes.choose(rest, np.zeros(len(rest), bool), np.zeros((len(rest), 2)))
+        return rest
+    closed = found.closed | (found.opening <= STAYS)
+    modes.choose(rest[closed], found.sticks[closed], found.way[closed])
+    return rest[closed]
+
+
+def _still(state: MotionState, modes: ContactModes, rounding: Array) -> Array:
+    """Return sizes of slips that count as none, shape (k,) [m/s]."""
+    if not modes.stopped:
+        return _STILL / STILL * rounding
+    speed = float(np.abs(state.v / state.units).max(initial=1.0))
+    return np.full(len(rounding), 0.5 * state.tolerance * state.problem.length * speed)

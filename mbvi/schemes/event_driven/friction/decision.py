@@ -1,0 +1,97 @@
+"""Coulomb's law on accelerations: which touching contacts stay closed, and which of them stick."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ....errors import ProjectionError
+from ....projection.coulomb.friction import project_frictional
+from ....projection.coulomb.newton import OPEN
+from ....system.system import Array
+from ..release_events import OPENS
+from .modes import ModeEquations
+
+# the velocity of contacts that slide, over the largest acceleration: they go on sliding in any case
+_SLIDING = 1e6
+# largest residual of the law on accelerations, relative to the largest of them
+_RESIDUAL = 1e-10
+# most turns in which the forces of sliding contacts settle, and the relative change at which they have
+_MOST_TURNS, _SETTLED = 100, 1e-12
+
+
+class Decision(NamedTuple):
+    """What the law on accelerations gives for k touching rows.
+
+    Attributes
+    ----------
+    acceleration : ndarray, shape (nv,)
+        dv/dt.
+    opening : ndarray, shape (k,)
+        Accelerations of gaps relative to the terms of these.
+    closed, sticks : ndarray of bool, shape (k,)
+        Which rows have a force, and which stick.
+    way : ndarray, shape (k, 2)
+        Directions of slip.
+    force : ndarray, shape (k, 3)
+        Contact forces along normals and tangents [N, N m].
+    """
+
+    acceleration: Array
+    opening: Array
+    closed: Array
+    sticks: Array
+    way: Array
+    force: Array
+
+
+def decide(equations: ModeEquations, slides: Array) -> Decision | None:
+    """Return what Coulomb's law gives for accelerations, with unit step; None if it has no answer.
+
+    Parameters
+    ----------
+    equations : ModeEquations
+        Those of the touching rows.
+    slides : ndarray of bool, shape (k,)
+        Rows that slide: they have a slip, and go on in its direction.
+    """
+    free, metric, J, wanted, scale = equations.normals
+    size, mu, T = np.linalg.norm(equations.slip, axis=1), equations.mu, equations.T
+    slides = slides & (size > 0.0) & (mu > 0.0)
+    way = np.where(slides[:, None], equations.slip / np.where(slides, size, 1.0)[:, None], 0.0)
+    turning = np.abs(T) @ np.abs(free) + np.abs(equations.along)
+    largest = max(float(scale.max()), float(turning.max()))
+    lower = np.column_stack([wanted, equations.along - _SLIDING * largest * way])
+    wide = np.concatenate([J[:, None], T], axis=1).reshape(3 * len(J), -1)
+    try:
+        found = project_frictional(free, metric, wide, lower.ravel(), mu)
+        if slides.any():
+            # where N of sliding contacts is known, so is their friction: a law without the large speed
+            lower[:, 1:] = equations.along
+            response = metric.solve_rows(np.einsum("k,ki,kij->kj", mu, way, T))
+            for _ in range(_MOST_TURNS):
+                pressed = found.percussion[::3]
+                still = project_frictional(
+                    free - pressed[slides] @ response[slides], metric, wide, lower.ravel(), np.where(slides, 0.0, mu)
+                )
+                change = np.abs(still.percussion[::3] - pressed).max()
+                found = still
+                if change <= _SETTLED * np.abs(pressed).max():
+                    break
+            else:
+                return None
+    except ProjectionError:
+        return None
+    if not found.residual <= _RESIDUAL:
+        return None
+    force = found.percussion.reshape(-1, 3)
+    force[slides, 1:] = -(mu * force[:, 0])[slides, None] * way[slides]
+    pull = np.linalg.norm(force[:, 1:], axis=1)
+    begins = ~slides & (pull > 0.0)
+    way[begins] = -force[begins, 1:] / pull[begins, None]
+    opening = (J @ found.velocity - wanted) / scale
+    # of dependent contacts some stay at rest at the edge of their cones
+    rests = (np.abs(T @ found.velocity - equations.along) <= OPENS * turning).all(axis=1)
+    closed = found.case != OPEN
+    return Decision(found.velocity, opening, closed, closed & ~slides & (mu > 0.0) & rests, way, force)

@@ -1,0 +1,173 @@
+"""Modes of closed contacts with friction, stick or slip, and the accelerations and forces within a mode."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ....system.system import Array
+from ..contact_rows import SmoothRows
+from ..runge_kutta import DEPENDENT, ContactEquations, Flow, least_percussion
+
+# slip that counts as none, relative to the sum of its terms: more than their rounding
+STILL = 1e-12
+# effect of forces that dependent contacts may share at will on an acceleration, relative to that of all of them, above
+# which the acceleration is not determined
+_AMBIGUOUS = 1e-7
+
+
+class ModeForces(NamedTuple):
+    """Accelerations and contact forces within a mode.
+
+    Attributes
+    ----------
+    acceleration : ndarray, shape (nv,)
+        dv/dt.
+    normal, tangential : ndarray, shapes (k,) and (k, 2)
+        Contact forces [N, N m].
+    unique : bool
+        Whether the acceleration is unique.
+    """
+
+    acceleration: Array
+    normal: Array
+    tangential: Array
+    unique: bool
+
+
+class ModeEquations(NamedTuple):
+    """What decides on the accelerations of k closed contacts with friction.
+
+    Attributes
+    ----------
+    normals : ContactEquations
+        Those without friction.
+    T : ndarray, shape (k, 2, nv)
+        Gradients of the tangents; zero rows where mu = 0.
+    mu : ndarray, shape (k,)
+        Coefficients of friction.
+    slip : ndarray, shape (k, 2)
+        T v [m/s].
+    still : ndarray, shape (k,)
+        Size of a slip that counts as none [m/s].
+    along : ndarray, shape (k, 2)
+        The values of T a that keep the slip constant.
+    """
+
+    normals: ContactEquations
+    T: Array
+    mu: Array
+    slip: Array
+    still: Array
+    along: Array
+
+    def forces(self, sticks: Array, way: Array) -> ModeForces:
+        """Return accelerations and forces where some contacts stick and others slip in a direction, shape (k, 2).
+
+        Closed contacts have J a = wanted, those that stick also T a = along, and those that slip the force
+        -mu N way along their tangents.
+        """
+        free, metric, J, wanted, _ = self.normals
+        k, slips = len(J), ~sticks & (self.mu > 0.0)
+        held = sticks[:, None] & self.T.any(axis=2)
+        kept = np.concatenate([J, self.T[held]])
+        forced = kept.copy()
+        forced[:k][slips] -= np.einsum("k,ki,kij->kj", self.mu[slips], way[slips], self.T[slips])
+        response = metric.solve_rows(forced)
+        missing = np.concatenate([wanted, self.along[held]]) - kept @ free
+        G, unique = kept @ response.T, True
+        if slips.any():
+            f, _, rank, _ = np.linalg.lstsq(G, missing, rcond=DEPENDENT)
+            if rank < len(f):
+                _, _, axes = np.linalg.svd(G)
+                # forces that move no closed contact must move nothing
+                size = np.sqrt(np.maximum(np.einsum("ij,ij->i", response, forced), 0.0))
+                loose = np.abs(np.einsum("ij,kj->ik", axes[rank:] @ response, forced))
+                unique = bool((loose <= _AMBIGUOUS * size.max() * size).all())
+        else:
+            f = least_percussion(G, missing)
+        tangential = -(self.mu * f[:k])[:, None] * np.where(slips[:, None], way, 0.0)
+        tangential[held] = f[k:]
+        return ModeForces(free + f @ response, f[:k], tangential, unique)
+
+
+class ContactModes:
+    """Which closed contacts stick, and in which direction the others slip.
+
+    Parameters
+    ----------
+    flow : Flow
+        The smooth motion.
+    rows : SmoothRows
+        The rows of all constraints.
+    slow : float
+        Slip that counts as none [m/s].
+
+    Attributes
+    ----------
+    system : System
+        What moves.
+    index : ndarray of int, shape (k,)
+        The closed rows.
+    sticks : ndarray of bool, shape (k,)
+        Which of them stick.
+    way : ndarray, shape (k, 2)
+        Of the others the direction of slip at the start of the step: a unit vector along the tangents.
+    stopped : bool
+        Whether the last step ended where a slip vanishes.
+    undecided : bool
+        Whether no mode could be found for the present contacts.
+    """
+
+    def __init__(self, flow: Flow, rows: SmoothRows, slow: float) -> None:
+        self._flow, self._rows, self._slow, self.system = flow, rows, slow, flow.system
+        self.stopped = self.undecided = False
+        self.choose(np.zeros(0, np.int64), np.zeros(0, bool), np.zeros((0, 2)))
+
+    def choose(self, index: Array, sticks: Array, way: Array) -> None:
+        """Set the modes of closed rows."""
+        self.index, self.sticks, self.way = index, sticks, way
+
+    def equations(self, t: float, q: Array, v: Array, closed: Array) -> ModeEquations:
+        """Return what decides on the accelerations of closed rows."""
+        normals = self._flow.contact_equations(t, q, v, closed)
+        tangents = self._rows.tangents(t, q, closed)
+        T = np.asarray(tangents.jacobian).reshape(len(closed), 2, len(v))
+        still = STILL * (np.abs(T) @ np.abs(v)).sum(axis=1) + self._slow
+        along = -self._rows.tangent_bias(t, q, v, closed).reshape(-1, 2)
+        return ModeEquations(normals, T, tangents.friction, T @ v, still, along)
+
+    def directions(self, equations: ModeEquations) -> Array:
+        """Return the directions of slip, shape (k, 2): those at the start of the step, turned with the slip.
+
+        Beyond a stop they are those before it, so that the motion can be followed smoothly to the stop.
+        """
+        size = np.linalg.norm(equations.slip, axis=1)
+        moves = size > equations.still
+        way = np.where(moves[:, None], equations.slip / np.where(moves, size, 1.0)[:, None], self.way)
+        return np.where((np.vecdot(way, self.way) < 0.0)[:, None], -way, way)
+
+    def forces(self, t: float, q: Array, v: Array, closed: Array) -> tuple[ModeEquations, ModeForces]:
+        """Return the equations of closed rows in their modes, with accelerations and forces."""
+        equations = self.equations(t, q, v, closed)
+        if len(closed) != len(self.index) or (closed != self.index).any():
+            # contacts that have come apart are closed no more
+            kept = np.isin(self.index, closed)
+            self.choose(self.index[kept], self.sticks[kept], self.way[kept])
+        return equations, equations.forces(self.sticks, self.directions(equations))
+
+    def acceleration(self, t: float, q: Array, v: Array, closed: Array) -> Array:
+        """Return dv/dt in the present modes, followed by dv/dt without contact forces."""
+        equations, found = self.forces(t, q, v, closed)
+        return np.concatenate([found.acceleration, equations.normals.free])
+
+    def begin(self, t: float, q: Array, v: Array, closed: Array) -> bool:
+        """Begin a step: keep the directions of slip; return whether accelerations are unique."""
+        if not closed.size or self.undecided:
+            return not self.undecided
+        equations, found = self.forces(t, q, v, closed)
+        size = np.linalg.norm(equations.slip, axis=1)
+        moves = ~self.sticks & (size > equations.still)
+        self.way[moves] = equations.slip[moves] / size[moves, None]
+        return found.unique
