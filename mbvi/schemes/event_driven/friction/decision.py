@@ -17,7 +17,7 @@ from .modes import ModeEquations
 _SLIDING = 1e6
 # largest residual of the law on accelerations, relative to the largest of them
 _RESIDUAL = 1e-10
-# most turns in which the forces of sliding contacts settle, and the relative change at which they have
+# most turns in which the forces of sliding contacts settle, and the relative change of accelerations at which they have
 _MOST_TURNS, _SETTLED = 100, 1e-12
 
 
@@ -70,14 +70,15 @@ def decide(equations: ModeEquations, slides: Array) -> Decision | None:
             # where N of sliding contacts is known, so is their friction: a law without the large speed
             lower[:, 1:] = equations.along
             response = metric.solve_rows(np.einsum("k,ki,kij->kj", mu, way, T))
+            # dependent contacts may exchange forces from turn to turn: the mean of two turns does not
+            pressed = found.percussion[::3]
             for _ in range(_MOST_TURNS):
-                pressed = found.percussion[::3]
                 still = project_frictional(
                     free - pressed[slides] @ response[slides], metric, wide, lower.ravel(), np.where(slides, 0.0, mu)
                 )
-                change = np.abs(still.percussion[::3] - pressed).max()
-                found = still
-                if change <= _SETTLED * np.abs(pressed).max():
+                change = np.abs(still.velocity - found.velocity).max()
+                found, pressed = still, 0.5 * (pressed + still.percussion[::3])
+                if change <= _SETTLED * np.abs(still.velocity - free).max():
                     break
             else:
                 return None
@@ -92,6 +93,6 @@ def decide(equations: ModeEquations, slides: Array) -> Decision | None:
     way[begins] = -force[begins, 1:] / pull[begins, None]
     opening = (J @ found.velocity - wanted) / scale
     # of dependent contacts some stay at rest at the edge of their cones
-    rests = (np.abs(T @ found.velocity - equations.along) <= OPENS * turning).all(axis=1)
+    rests = np.linalg.norm(T @ found.velocity - equations.along, axis=1) <= OPENS * (turning.max(axis=1) + scale)
     closed = found.case != OPEN
     return Decision(found.velocity, opening, closed, closed & ~slides & (mu > 0.0) & rests, way, force)
