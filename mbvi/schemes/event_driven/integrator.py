@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 
 import numpy as np
 
@@ -30,6 +31,8 @@ _FIRST_STEP, _LEAST_STEP = 1e-3, 1e-13
 _MOST_NEWTON, _PARABOLA = 4, 1e-6
 # error of a step, relative to the largest one, below which its dense output is exact enough to end it at an event
 _SMALL = 0.01
+# part of the way to a stop that is taken where the motion is not known well enough up to it
+_BEFORE_STOP = 0.8
 # longest step after an event: this many times the step that ended at the event, or this time [s] if that is more
 _AFTER, _LEAST_AFTER = 10.0, 1e-6
 # events without progress in time after which steps of `Paoli` are taken
@@ -38,6 +41,10 @@ _MOST_AT_ONCE = 50
 _MOST_EVENTS = 1000
 # in this many steps and events, time must advance by this part of the duration
 _PATIENCE, _PROGRESS = 3000, 1e-5
+
+
+# (t, q, v) -> a value, its rate and its rounding
+Crossing = Callable[[float, Array, Array], tuple[float, float, float]]
 
 
 class EventDrivenIntegrator(MotionState):
@@ -145,14 +152,19 @@ class EventDrivenIntegrator(MotionState):
             release = first_release(self.flow, self.projector, step, self.closed, share)
         else:
             release = first_mode_end(self.modes, step, self.closed, share)
+            # to the stop, if the step has one
+            reach = min(release, share)
+            if not self.modes.defect(step, self.closed, reach, self.units) <= _LOCAL * self.tolerance:
+                return None, _BEFORE_STOP * reach if self.modes.stopped >= 0 else _LEAST_FACTOR, 1.0, NO_ROWS
         if release < share:
             share, first = release, NO_ROWS
         change, pairs = first_feature_change(self, step, share)
         if change < share:
             share, first = change, pairs
         if share < 1.0:
-            closing = NO_ROWS if first is pairs else first
-            step = self._cut(step, share, closing) if error < _SMALL else self._step_to_event(a, share * h, closing)
+            stops = share == release and self.modes is not None and self.modes.stopped >= 0
+            crossing = self._crossing(NO_ROWS if first is pairs else first, stops)
+            step = self._cut(step, share, crossing) if error < _SMALL or stops else self._step_to_event(a, share * h, crossing)
         return step, factor, share, first
 
     def _shorter(self, h: float, factor: float, error: DivergedError | None = None) -> float:
@@ -183,25 +195,38 @@ class EventDrivenIntegrator(MotionState):
         # np.maximum keeps a NaN
         return float(np.maximum(in_chart, np.max(of_v) / speed) / (_LOCAL * self.tolerance))
 
-    def _cut(self, step: RungeKuttaStep, share: float, first: Array) -> RungeKuttaStep:
-        """Return the part of a step up to where the first row closes, by its dense output and Newton's method."""
-        for _ in range(_MOST_NEWTON if first.size else 0):
-            t, (q, v) = step.t + share * step.h, step.at(self.system, share)
-            gap, rate = float(self.rows.gaps(t, q, first)[0]), float((self.rows.gradients(t, q, first) @ v)[0])
-            if abs(gap) < 0.1 * self.rows.rounding[first[0]] or rate >= 0.0 or not 0.0 < share * step.h - gap / rate:
+    def _crossing(self, first: Array, stops: bool) -> Crossing | None:
+        """Return what falls through zero at an event: the gap of a row, or a slip; None if neither does."""
+        if first.size:
+            return partial(self._gap_and_rate, first)
+        if self.modes is not None and stops:
+            return partial(self.modes.slip_and_rate, self.closed)
+        return None
+
+    def _gap_and_rate(self, first: Array, t: float, q: Array, v: Array) -> tuple[float, float, float]:
+        """Return the gap of a row, its rate, and a tenth of its rounding."""
+        gap, rate = self.rows.gaps(t, q, first)[0], (self.rows.gradients(t, q, first) @ v)[0]
+        return float(gap), float(rate), 0.1 * float(self.rows.rounding[first[0]])
+
+    def _cut(self, step: RungeKuttaStep, share: float, crossing: Crossing | None) -> RungeKuttaStep:
+        """Return the part of a step up to where something falls through zero, by dense output and Newton's method."""
+        for _ in range(_MOST_NEWTON if crossing is not None else 0):
+            assert crossing is not None
+            gap, rate, least = crossing(step.t + share * step.h, *step.at(self.system, share))
+            if abs(gap) < least or rate >= 0.0 or not 0.0 < share * step.h - gap / rate:
                 break
             share -= gap / rate / step.h
         cut = step.cut(self.system, share)
         return cut._replace(a=self.flow.acceleration(cut.t + cut.h, cut.q, cut.v, self.closed))
 
-    def _step_to_event(self, a: Array, h: float, first: Array) -> RungeKuttaStep:
-        """Return a step of about length h that ends where the first row closes, by Newton's method."""
+    def _step_to_event(self, a: Array, h: float, crossing: Crossing | None) -> RungeKuttaStep:
+        """Return a step of about length h that ends where something falls through zero, by Newton's method."""
         step = self.flow.step(self.t, self.q, self.v, a, h, self.closed)
-        for _ in range(_MOST_NEWTON if first.size else 0):
-            gap = float(self.rows.gaps(step.t + h, step.q, first)[0])
-            rate = float((self.rows.gradients(step.t + h, step.q, first) @ step.v)[0])
+        for _ in range(_MOST_NEWTON if crossing is not None else 0):
+            assert crossing is not None
+            gap, rate, least = crossing(step.t + h, step.q, step.v)
             # where the gap touches zero without falling through, Newton's method is no better than the dense output
-            if abs(gap) < 0.1 * self.rows.rounding[first[0]] or rate >= 0.0 or not 0.0 < h - gap / rate:
+            if abs(gap) < least or rate >= 0.0 or not 0.0 < h - gap / rate:
                 break
             late = -gap / rate
             if abs(late) < _PARABOLA * h:

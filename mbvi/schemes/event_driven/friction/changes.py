@@ -48,7 +48,7 @@ def settle(state: MotionState, modes: ContactModes, rest: Array) -> Array:
     kept = kept[kept.any(axis=1)]
     state.v = state.v + velocity_change(equations.normals.metric, kept, -(kept @ state.v))
     found = decide(modes.equations(state.t, state.q, state.v, rest), slides)
-    modes.stopped, modes.undecided = False, found is None
+    modes.stopped, modes.undecided = -1, found is None
     if found is None:
         modes.choose(rest, np.zeros(len(rest), bool), np.zeros((len(rest), 2)))
         return rest
@@ -59,7 +59,7 @@ def settle(state: MotionState, modes: ContactModes, rest: Array) -> Array:
 
 def _still(state: MotionState, modes: ContactModes, rounding: Array) -> Array:
     """Return sizes of slips that count as none, shape (k,) [m/s]."""
-    if not modes.stopped:
+    if modes.stopped < 0:
         return _STILL / STILL * rounding
     speed = float(np.abs(state.v / state.units).max(initial=1.0))
     return np.full(len(rounding), 0.5 * state.tolerance * state.problem.length * speed)

@@ -14,7 +14,7 @@ from .modes import ContactModes
 
 def first_mode_end(modes: ContactModes, step: RungeKuttaStep, closed: Array, share: float) -> float:
     """Return the share of a step at which the first mode of a closed contact ends; 1 if none does before `share`."""
-    modes.stopped = False
+    modes.stopped = -1
     if not closed.size:
         return 1.0
     system = modes.system
@@ -31,13 +31,13 @@ def first_mode_end(modes: ContactModes, step: RungeKuttaStep, closed: Array, sha
     watched = every[(margins(0.0, every) >= 0.0) | (every >= 2 * k)]
     x, which = first_root(lambda x, of: margins(x, watched[of]), np.full(len(watched), np.inf))
     if x < 1.0 and watched[which] >= 2 * k:
-        modes.stopped, share = True, x * share
+        modes.stopped, share = int(watched[which]) - 2 * k, x * share
         found = share
     else:
         found = first_end(stay, x * share, share) if x < 1.0 else 1.0
     if len(watched) < len(every):
         other = first_end(stay, 0.0, share)
-        modes.stopped &= not other < found
+        modes.stopped = -1 if other < found else modes.stopped
         found = min(found, other)
     return found
 

@@ -8,13 +8,16 @@ import numpy as np
 
 from ....system.system import Array
 from ..contact_rows import SmoothRows
-from ..runge_kutta import DEPENDENT, ContactEquations, Flow, least_percussion
+from ..runge_kutta import DEGREE, DEPENDENT, ContactEquations, Flow, RungeKuttaStep, least_percussion
 
 # slip that counts as none, relative to the sum of its terms: more than their rounding
 STILL = 1e-12
 # effect of forces that dependent contacts may share at will on an acceleration, relative to that of all of them, above
 # which the acceleration is not determined
 _AMBIGUOUS = 1e-7
+# a slip begins in a step in which it grows by more than the inverse of this; where the dense output is checked then
+_BEGINS, _CHECKED = 0.1, (0.3, 0.7, 0.95)
+_POWERS = np.arange(1, DEGREE + 1)
 
 
 class ModeForces(NamedTuple):
@@ -114,15 +117,15 @@ class ContactModes:
         Which of them stick.
     way : ndarray, shape (k, 2)
         Of the others the direction of slip at the start of the step: a unit vector along the tangents.
-    stopped : bool
-        Whether the last step ended where a slip vanishes.
+    stopped : int
+        The closed row whose slip vanishes at the end of the last step, as an index of `index`; -1 if none does.
     undecided : bool
         Whether no mode could be found for the present contacts.
     """
 
     def __init__(self, flow: Flow, rows: SmoothRows, slow: float) -> None:
         self._flow, self._rows, self._slow, self.system = flow, rows, slow, flow.system
-        self.stopped = self.undecided = False
+        self.stopped, self.undecided = -1, False
         self.choose(np.zeros(0, np.int64), np.zeros(0, bool), np.zeros((0, 2)))
 
     def choose(self, index: Array, sticks: Array, way: Array) -> None:
@@ -161,6 +164,33 @@ class ContactModes:
         """Return dv/dt in the present modes, followed by dv/dt without contact forces."""
         equations, found = self.forces(t, q, v, closed)
         return np.concatenate([found.acceleration, equations.normals.free])
+
+    def slip_and_rate(self, closed: Array, t: float, q: Array, v: Array) -> tuple[float, float, float]:
+        """Return the slip of the row that stops, along its direction, the rate of that, and its rounding."""
+        equations, found = self.forces(t, q, v, closed)
+        way, k = self.way[self.stopped], self.stopped
+        rate = way @ (equations.T[k] @ found.acceleration - equations.along[k])
+        return float(way @ equations.slip[k]), float(rate), float(equations.still[k])
+
+    def defect(self, step: RungeKuttaStep, closed: Array, share: float, units: Array) -> float:
+        """Return by how much the dense output up to a share of a step misses accelerations, if a slip begins or stops.
+
+        In units and a second, over the largest speed in these where that is above 1. Where a slip is small the force
+        turns fast with it, which errors of the state at the end of the step do not tell.
+        """
+        if not closed.size or self.sticks.all():
+            return 0.0
+        largest, speed = 0.0, float(np.abs(step.v / units).max(initial=1.0))
+        slip = np.linalg.norm(self.equations(step.t, step.q0, step.v0, closed).slip, axis=1)
+        after = np.linalg.norm(self.equations(step.t + step.h, step.q, step.v, closed).slip, axis=1)
+        if self.stopped < 0 and not (slip < _BEGINS * after)[~self.sticks].any():
+            return 0.0
+        for node in (share * part for part in _CHECKED):
+            q, v = step.at(self.system, node)
+            slope = step.dense[1] @ (_POWERS * node ** (_POWERS - 1))
+            miss = self.acceleration(step.t + node * step.h, q, v, closed)[: len(v)] - slope
+            largest = max(largest, step.h * float(np.abs(miss / units).max(initial=0.0)))
+        return largest / speed
 
     def begin(self, t: float, q: Array, v: Array, closed: Array) -> bool:
         """Begin a step: keep the directions of slip; return whether accelerations are unique."""
