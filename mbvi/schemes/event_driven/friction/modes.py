@@ -189,7 +189,7 @@ class ContactModes:
             q, v = step.at(self.system, node)
             slope = step.dense[1] @ (_POWERS * node ** (_POWERS - 1))
             miss = self.acceleration(step.t + node * step.h, q, v, closed)[: len(v)] - slope
-            largest = max(largest, step.h * float(np.abs(miss / units).max(initial=0.0)))
+            largest = max(largest, share * step.h * float(np.abs(miss / units).max(initial=0.0)))
         return largest / speed
 
     def begin(self, t: float, q: Array, v: Array, closed: Array) -> bool:
