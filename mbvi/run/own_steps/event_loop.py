@@ -186,7 +186,7 @@ def run_event_driven(
                 watch(part, integrator)
             poll(integrator.t)
         record.record_state()
-        record.notes += _fallback_notes(integrator.fallbacks)
+        record.notes += _fallback_notes(integrator.fallbacks, integrator.undetermined)
     return record.trajectory(scheme, complete=True)
 
 
@@ -197,11 +197,15 @@ def _of_impact(friction: ContactFriction, percussion: Array, e: Array | None, ta
     return tangential, before, after, regimes, None if e is None else e[taking_part]
 
 
-def _fallback_notes(fallbacks: int) -> list[str]:
-    """Return the note on steps of `Paoli`, if there were any."""
+def _fallback_notes(fallbacks: int, undetermined: int) -> list[str]:
+    """Return the note on steps of `Paoli`, if there were any; `undetermined` of them were taken because of friction."""
     if not fallbacks:
         return []
+    friction = (
+        f"; {undetermined} of them because friction leaves accelerations open, of contacts that depend on each other, "
+        "of features of polyhedra or in Painlevé's configuration"
+    )
     return [
         f"{fallbacks} steps of 1e-4 s were taken by the paper's scheme, of order one: where gradients jump, or events "
-        "follow each other without end, the tolerance is not kept"
+        f"follow each other without end, the tolerance is not kept{friction if undetermined else ''}"
     ]

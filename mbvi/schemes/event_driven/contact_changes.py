@@ -76,9 +76,10 @@ def change_contacts(state: MotionState, touching: Array) -> Iterator[ImpactEvent
     e, before = state.rows.restitution[touching], J @ state.v
     still = certain_rates(J, state.v, state.slow(touching))
     if (before < -still).any():
-        rough = state.modes is not None
-        event = changes.strike(state, touching, metric) if rough else _impact(state, touching, was_closed, J, metric, still)
-        yield state.observed.impact(event)
+        if state.modes is not None:
+            yield state.observed.impact(changes.strike(state, touching, metric))
+        else:
+            yield state.observed.impact(_impact(state, touching, was_closed, J, metric, still))
     rest = _resting(state, touching, J, metric, e, still)
     if not rest.size:
         return

@@ -65,7 +65,9 @@ class EventDrivenIntegrator(MotionState):
         while self.t < end:
             self._check_progress(duration)
             if self.modes is not None and not self.modes.begin(self.t, self.q, self.v, self.closed):
+                before = self.fallbacks
                 yield from fall_back(self, end)
+                self.undetermined += self.fallbacks - before
                 a = self.flow.acceleration(self.t, self.q, self.v, self.closed)
                 continue
             length = min(h, end - self.t)
@@ -164,7 +166,8 @@ class EventDrivenIntegrator(MotionState):
         if share < 1.0:
             stops = share == release and self.modes is not None and self.modes.stopped >= 0
             crossing = self._crossing(NO_ROWS if first is pairs else first, stops)
-            step = self._cut(step, share, crossing) if error < _SMALL or stops else self._step_to_event(a, share * h, crossing)
+            exact = error < _SMALL or stops
+            step = self._cut(step, share, crossing) if exact else self._step_to_event(a, share * h, crossing)
         return step, factor, share, first
 
     def _shorter(self, h: float, factor: float, error: DivergedError | None = None) -> float:

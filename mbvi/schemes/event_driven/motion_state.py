@@ -60,6 +60,8 @@ class MotionState:
         Gap below which a contact touches [m].
     fallbacks : int
         How many steps of `Paoli` were taken.
+    undetermined : int
+        How many of them because contacts with friction had no unique accelerations.
     fallback : Step or None
         The step of `Paoli`, if the last step was one.
     """
@@ -79,7 +81,7 @@ class MotionState:
         self.closed = self.held = self.all_touching = NO_ROWS
         self.touching = min(problem.tolerance, _TOUCHING * tolerance * problem.length)
         self.event_rows, self.impact_time = NO_ROWS, -np.inf
-        self.depth, self.residual, self.fallbacks = np.zeros(2), 0.0, 0
+        self.depth, self.residual, self.fallbacks, self.undetermined = np.zeros(2), 0.0, 0, 0
         self.fallback: Step | None = None
 
     def feature_pairs(self) -> Array:

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from ...projection import Projector
-from ...system.system import Array
 from ..contact_friction import friction_of
 from ..step import closes, still_rates
 from .friction.forces import contact_forces
@@ -21,7 +20,7 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)
 
 
 def reactions(state: MotionState, step: RungeKuttaStep) -> Iterator[tuple[Any, ...]]:
-    """Yield constraint, point, normal, percussion and, in problems with friction, friction of the contacts of the step that the integrator just took.
+    """Yield constraint, point, normal, percussion and friction of the contacts of the step that was just taken.
 
     The percussions add up to the integral of the contact forces over the step. Where contacts depend on each other, the
     integral is split into the least percussions that are not negative.

@@ -32,10 +32,14 @@ class EventDriven(OwnStepsScheme):
     A contact is put to rest if all its bounces would last less time than the tolerance, or rise less than 1e-14 of the
     scene's length. Where impacts on several constraints accumulate, single impacts are followed to their limit.
 
+    With Coulomb friction each closed contact sticks or slips: accelerations are those within the mode, and a stop, a
+    load on the edge of the cone and a release end it. Coulomb's law on accelerations then decides on the next one.
+
     Polyhedra that stay on each other keep the rows of the vertices, faces and edges that touch; a change of these is an
-    event. Where cylinders, ellipsoids, capsules or planar polyhedra rest on each other, so that gradients jump, and
-    where events follow each other without end, the scheme takes steps of `Paoli` of 1e-4 s, of order one, and the run's
-    notes say so. Where steps and events make no progress in time, the run ends with `DivergedError`.
+    event. Where cylinders, ellipsoids, capsules or planar polyhedra rest on each other, so that gradients jump, where
+    events follow each other without end, and where friction leaves accelerations open (contacts that depend on each
+    other, features of polyhedra, Painlevé's configuration), the scheme takes steps of `Paoli` of 1e-4 s, of order one,
+    and the run's notes say so. Where steps and events make no progress in time, the run ends with `DivergedError`.
     """
 
     strictest = 1e-13
@@ -44,12 +48,13 @@ class EventDriven(OwnStepsScheme):
         super().__init__(tolerance)
 
     def check(self, problem: Problem) -> None:
-        """Raise `UnsuitableError` if walls move by a prescribed motion, or if there is friction."""
+        """Raise `UnsuitableError` if walls move by themselves, or joints, torsion or rolling have friction."""
         if problem.system.has_joint_friction:
             refuse_friction(problem, self, "")
         if problem.constraints.resistance is not None:
             raise UnsuitableError(
-                "EventDriven has no torsional and rolling friction: take Centered(project_positions=True) or another scheme"
+                "EventDriven has no torsional and rolling friction: take Centered(project_positions=True), Adaptive or "
+                "another scheme"
             )
         if problem.constraints.moving:
             raise UnsuitableError(

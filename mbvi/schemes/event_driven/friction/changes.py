@@ -25,12 +25,10 @@ def strike(state: MotionState, touching: Array, metric: Metric) -> ImpactEvent:
     v, rows = state.v, state.rows.rows(state.t, state.q, touching)
     applied = law(state.projector, v, FreeMotion(v, metric), rows)
     state.v, state.residual, state.impact_time = applied.velocity, applied.residual, state.t
-    rates, used = applied.rates, applied.rows
-    step = Step(state.t, state.q, state.v, used, rates, applied.residual, applied.slip)
-    both = rates[[0, 3, 2]]
-    return ImpactEvent(
-        state.t, state.q, v, state.v, used.constraint, both, used.point, used.normal, friction_of(step), used.restitution
-    )  # fmt: skip
+    used, rates = applied.rows, applied.rates[[0, 3, 2]]
+    friction = friction_of(Step(state.t, state.q, state.v, used, applied.rates, applied.residual, applied.slip))
+    contacts = used.constraint, rates, used.point, used.normal
+    return ImpactEvent(state.t, state.q, v, state.v, *contacts, friction, used.restitution)
 
 
 def accelerations(state: MotionState, modes: ContactModes, rest: Array) -> Array:
@@ -47,7 +45,9 @@ def settle(state: MotionState, modes: ContactModes, rest: Array) -> Array:
     kept = np.concatenate([equations.normals.J, equations.T[~slides & (equations.mu > 0.0)].reshape(-1, len(state.v))])
     kept = kept[kept.any(axis=1)]
     state.v = state.v + velocity_change(equations.normals.metric, kept, -(kept @ state.v))
-    found = decide(modes.equations(state.t, state.q, state.v, rest), slides)
+    # features change while friction acts on them: that is not followed
+    features = (rest >= len(state.rows.all)).any()
+    found = None if features else decide(modes.equations(state.t, state.q, state.v, rest), slides)
     modes.stopped, modes.undecided = -1, found is None
     if found is None:
         modes.choose(rest, np.zeros(len(rest), bool), np.zeros((len(rest), 2)))

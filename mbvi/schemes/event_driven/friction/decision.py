@@ -8,7 +8,7 @@ import numpy as np
 
 from ....errors import ProjectionError
 from ....projection.coulomb.friction import project_frictional
-from ....projection.coulomb.newton import OPEN
+from ....projection.coulomb.newton import OPEN, STICK
 from ....system.system import Array
 from ..release_events import OPENS
 from .modes import ModeEquations
@@ -71,7 +71,7 @@ def decide(equations: ModeEquations, slides: Array) -> Decision | None:
             lower[:, 1:] = equations.along
             response = metric.solve_rows(np.einsum("k,ki,kij->kj", mu, way, T))
             # dependent contacts may exchange forces from turn to turn: the mean of two turns does not
-            pressed = found.percussion[::3]
+            direct, pressed = found, found.percussion[::3]
             for _ in range(_MOST_TURNS):
                 still = project_frictional(
                     free - pressed[slides] @ response[slides], metric, wide, lower.ravel(), np.where(slides, 0.0, mu)
@@ -81,7 +81,8 @@ def decide(equations: ModeEquations, slides: Array) -> Decision | None:
                 if change <= _SETTLED * np.abs(still.velocity - free).max():
                     break
             else:
-                return None
+                # friction acts strongly on loads: the law with the large speed remains, which is less exact
+                found = direct
     except ProjectionError:
         return None
     if not found.residual <= _RESIDUAL:
@@ -94,5 +95,6 @@ def decide(equations: ModeEquations, slides: Array) -> Decision | None:
     opening = (J @ found.velocity - wanted) / scale
     # of dependent contacts some stay at rest at the edge of their cones
     rests = np.linalg.norm(T @ found.velocity - equations.along, axis=1) <= OPENS * (turning.max(axis=1) + scale)
+    rests |= found.case == STICK
     closed = found.case != OPEN
     return Decision(found.velocity, opening, closed, closed & ~slides & (mu > 0.0) & rests, way, force)
