@@ -5,7 +5,7 @@ The unknowns of a step are coordinates of a chart: the tangent vector dq from th
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from scipy.linalg import lapack
@@ -15,9 +15,6 @@ from ...projection import Metric
 from ...system import System
 from ...system.system import Array
 from .contact_rows import SmoothRows
-
-if TYPE_CHECKING:
-    from .friction.modes import ContactModes
 
 # singular values of the Delassus matrix below this count as zero
 DEPENDENT = 1e-10
@@ -86,6 +83,13 @@ class RungeKuttaStep(NamedTuple):
         return self._replace(h=self.h + time, q=q, v=self.v + time * a)
 
 
+class Modes(Protocol):
+    """Modes of closed contacts with friction, as `friction.modes.ContactModes` has them."""
+
+    def acceleration(self, t: float, q: Array, v: Array, closed: Array) -> Array:
+        """Return what `Flow.acceleration` does, in the present modes."""
+
+
 class ContactEquations(NamedTuple):
     """What decides on the accelerations of closed rows.
 
@@ -136,7 +140,7 @@ class Flow:
 
     Attributes
     ----------
-    modes : ContactModes or None
+    modes : Modes or None
         Modes of closed contacts; None where the problem has no friction.
 
     Notes
@@ -150,7 +154,7 @@ class Flow:
         from scipy.integrate import DOP853
 
         self.system, self.rows = problem.system, rows
-        self.modes: ContactModes | None = None
+        self.modes: Modes | None = None
         n = DOP853.n_stages
         # the stages, the result, which is the first stage of the next step, and those of the dense output
         self._weights = np.zeros((n + 4, n + 4))

@@ -80,7 +80,7 @@ def test_a_sliding_contact_bears_mu_times_its_load():
 
 
 def test_the_load_reaches_the_cone_when_it_should():
-    """A pull that grows with time breaks a ball without spin away at mu times its weight, and it slides on from there."""
+    """A pull that grows with time breaks a point away at mu times its weight, and it slides on from there."""
     mu, rate = 0.4, 8.0
     system = mbvi.LagrangianSystem(lambda q: np.eye(2), lambda t, q, v: np.array([rate * t, -G]), 2)
     floor = mbvi.GapFunction(
