@@ -178,3 +178,8 @@ def test_a_box_that_slides_on_a_box_falls_back_by_name():
 def test_what_is_not_known_is_refused_by_name():
     with pytest.raises(mbvi.UnsuitableError, match="walls that move"):
         solve(reference.block_on_belt(), 1e-6)
+    scene = mbvi.Scene(friction=(0.5, 0.01, 0.0))
+    scene.add_halfspace((0, 0, 1))
+    scene.add_sphere(0.1, 1.0, position=(0, 0, 0.1))
+    with pytest.raises(mbvi.UnsuitableError, match="torsional"):
+        mbvi.simulate(scene.build(), mbvi.EventDriven(), duration=0.1)
