@@ -10,9 +10,9 @@ import pinocchio as pin
 
 from ..arguments import label, made_label
 from ..errors import InputError
+from ..geometry.meshes.triangles import Surface
 from ..geometry.motion import Motion
 from ..geometry.shapes.shapes import Array, Convex, HalfSpace
-from ..geometry.shapes.triangles import Surface
 from ..system.joint_forces import JointForce
 from ..system.mechanisms.articulated import Control
 from .state import State

@@ -22,11 +22,11 @@ from ..arguments import (
     vector,
 )
 from ..errors import InputError
+from ..geometry.meshes.height_field import height_field
+from ..geometry.meshes.triangles import Surface
 from ..geometry.motion import Motion, checked_motion
-from ..geometry.shapes.height_field import height_field
 from ..geometry.shapes.orientation import RotationLike, rotation_matrix
 from ..geometry.shapes.shapes import Array, HalfSpace
-from ..geometry.shapes.triangles import Surface
 from .inputs import check_known, scaled
 from .items import SceneItems, SurfaceItem
 from .meshes.grey import grey_values

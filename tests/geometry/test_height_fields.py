@@ -5,8 +5,8 @@ import pytest
 
 import mbvi
 from mbvi import surfaces
-from mbvi.geometry.shapes.height_field import height_field
-from mbvi.geometry.shapes.triangles import Surface, tree_of
+from mbvi.geometry.meshes.height_field import height_field
+from mbvi.geometry.meshes.triangles import Surface, tree_of
 
 G = 9.81
 

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 import mbvi
 from mbvi import surfaces
 from mbvi.geometry.closed_form.mesh_contacts import near_triangles
-from mbvi.geometry.shapes.triangles import FEW, Surface
+from mbvi.geometry.meshes.triangles import FEW, Surface
 from support.plain.triangles import mesh_contacts_plain, mesh_distances_plain, nearest_on_triangles
 
 coordinates = st.floats(-1, 1).map(lambda x: round(x, 3))

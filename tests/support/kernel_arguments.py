@@ -10,8 +10,8 @@ from mbvi.constraints import HalfSpaceContacts
 from mbvi.constraints.families import sphere_walls
 from mbvi.constraints.families.half_space import points_within
 from mbvi.geometry.broad.separating_axis import SeparatingAxes
+from mbvi.geometry.meshes import triangles
 from mbvi.geometry.narrow.spread import FEW_POINTS
-from mbvi.geometry.shapes import triangles
 from mbvi.geometry.shapes.seams import seams_of
 from mbvi.geometry.shapes.shape_table import ShapeTable
 from mbvi.geometry.shapes.shapes import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Hull, PlacedShape, Sphere

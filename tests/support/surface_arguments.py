@@ -3,10 +3,10 @@
 import numpy as np
 
 from mbvi.geometry.closed_form.surface_rows import all_rows, place_core, triangles_in_box
+from mbvi.geometry.meshes.creases import creases_of
+from mbvi.geometry.meshes.triangles import Surface
 from mbvi.geometry.shapes.convex_cores import cores_of
-from mbvi.geometry.shapes.creases import creases_of
 from mbvi.geometry.shapes.shapes import Box, Capsule, Hull, PlacedShape
-from mbvi.geometry.shapes.triangles import Surface
 from support.robot_arguments import rotation, unit
 
 TETRAHEDRON = Hull(0.3 * np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], dtype=float))

@@ -14,7 +14,7 @@ from ..family import ConstraintFamily
 from ..rotations import rotation_rows
 from ..rows import Array, Rows
 from ..tangents import Tangents, axes_of
-from .sphere_centres import SphereCentres
+from .spheres import SphereCentres
 
 
 class MovingFrame:

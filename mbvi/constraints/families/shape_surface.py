@@ -10,10 +10,10 @@ import numpy as np
 
 from ...geometry.closed_form.surface_distances import surface_distances
 from ...geometry.closed_form.surface_rows import surface_contacts
+from ...geometry.meshes.creases import creases_of
+from ...geometry.meshes.triangles import Surface
 from ...geometry.shapes.convex_cores import cores_of
-from ...geometry.shapes.creases import creases_of
 from ...geometry.shapes.shapes import Capsule, PlacedShape
-from ...geometry.shapes.triangles import Surface
 from ...system import System
 from ..family import ConstraintFamily
 from ..rows import Array, Rows

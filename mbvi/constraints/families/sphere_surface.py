@@ -11,8 +11,8 @@ import numpy as np
 from ...compiled import plain_array
 from ...errors import InadmissibleStartError
 from ...geometry.closed_form.mesh_contacts import mesh_contacts, mesh_distances
+from ...geometry.meshes.triangles import Surface
 from ...geometry.shapes.shapes import PlacedShape
-from ...geometry.shapes.triangles import Surface
 from ...system import System
 from ..family import ConstraintFamily
 from ..rows import Array, Rows

@@ -14,7 +14,7 @@ from ...system.free.sparse_rows import dense
 from ..family import ConstraintFamily
 from ..rebuilt import Rebuilt
 from ..rows import Array, Rows
-from .sphere_centres import SphereCentres
+from .spheres import SphereCentres
 
 # values of `kind` of `wall_contacts`
 _PLANE, _BOX, _CAPSULE = range(3)

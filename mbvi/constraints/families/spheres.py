@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from ...compiled import kernel, plain_array
@@ -11,7 +13,6 @@ from ...system import System
 from ...system.free.sparse_rows import dense
 from ..family import ConstraintFamily, RowTable
 from ..rows import Array, Rows
-from .sphere_centres import SphereCentres
 
 # most spheres of which the tunnelling guard lists all pairs
 _FEW = 33
@@ -58,6 +59,29 @@ def pairs_within(
         point[count, 2] = centres[i, 2] + far * z
         count += 1
     return count
+
+
+class SphereCentres(NamedTuple):
+    """Where centres of spheres are in q: three numbers each, at equal distances.
+
+    Attributes
+    ----------
+    start : int
+        Place of the first.
+    number : int
+        How many spheres there are; they are the last in q.
+    stride : int
+        From one centre to the next: 3 where spheres have no rotation, 7 where they have.
+    """
+
+    start: int
+    number: int
+    stride: int
+
+    def of(self, q: Array) -> Array:
+        """Return the centres as a view of q, shape (n, 3)."""
+        end = self.start + self.number * self.stride
+        return q[self.start : end].reshape(self.number, self.stride)[:, :3]
 
 
 class SphereContacts(ConstraintFamily):

@@ -6,7 +6,7 @@ import numpy as np
 
 from ...arguments import Array
 from ...compiled import kernel
-from ..shapes.triangles import FEW
+from ..meshes.triangles import FEW
 
 # the most boxes that wait in a search: one for each time that the number of triangles is halved, and one more
 _DEEPEST = 64

@@ -6,9 +6,9 @@ import numpy as np
 
 from ...arguments import Array
 from ...compiled import kernel
+from ..meshes.creases import Creases
+from ..meshes.triangles import FEW
 from ..shapes.convex_cores import Cores
-from ..shapes.creases import Creases
-from ..shapes.triangles import FEW
 from .mesh_contacts import nearest_on_triangle
 from .surface_features import above, crossing, from_segment
 from .surface_rows import place_core

@@ -14,8 +14,8 @@ import numpy as np
 
 from ...arguments import Array
 from ...compiled import kernel
+from ..meshes.creases import RIDGE, VALLEY, Creases
 from ..shapes.convex_cores import Cores
-from ..shapes.creases import RIDGE, VALLEY, Creases
 
 # sine of an angle by which a normal may lie beyond those that a feature can have
 _BESIDE = 1e-6

@@ -6,10 +6,10 @@ import numpy as np
 
 from ...arguments import Array
 from ...compiled import kernel
+from ..meshes.creases import Creases
+from ..meshes.triangles import FEW
 from ..narrow.spread import BESIDE, FEW_POINTS, FLAT, few_corners, one_face, spread_out
 from ..shapes.convex_cores import Cores
-from ..shapes.creases import Creases
-from ..shapes.triangles import FEW
 from ..vectors import within_plane
 from .surface_features import (
     above,

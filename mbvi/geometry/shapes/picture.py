@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..meshes.triangles import Surface
 from .polyhedra import Box, Hull
 from .shapes import Array, Convex, HalfSpace
-from .triangles import Surface
 
 # from the scene to the eye, and to the light
 _EYE = np.array([0.5, -0.8, 0.33]) / np.linalg.norm([0.5, -0.8, 0.33])

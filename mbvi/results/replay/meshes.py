@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 import meshcat.geometry as g
 import numpy as np
 
+from ...geometry.meshes.triangles import Surface
 from ...geometry.shapes.picture import cut
 from ...geometry.shapes.shapes import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Hull, PlacedShape, Sphere
-from ...geometry.shapes.triangles import Surface
 from ...scene.meshes.visual import Mesh
 
 Array = np.ndarray

@@ -192,7 +192,7 @@ def run_event_driven(
 
 def _of_impact(friction: ContactFriction, percussion: Array, e: Array | None, taking_part: Array) -> tuple[Any, ...]:
     """Return the last five fields of an `Impact`."""
-    tangential, before, after, sticks = friction.take(taking_part)
+    tangential, before, after, sticks, _ = friction.take(taking_part)
     regimes = tuple(map(regime, sticks.tolist(), percussion[taking_part].tolist()))
     return tangential, before, after, regimes, None if e is None else e[taking_part]
 

@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from ...arguments import made_label
 from ...errors import InputError, MjcfError
-from ...geometry.shapes.height_field import height_field
+from ...geometry.meshes.height_field import height_field
 from ...geometry.shapes.shapes import (
     Array,
     Box,

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ...geometry.shapes.height_field import height_field
-from ...geometry.shapes.triangles import Surface
+from ...geometry.meshes.height_field import height_field
+from ...geometry.meshes.triangles import Surface
 from ..items import SurfaceItem
 
 

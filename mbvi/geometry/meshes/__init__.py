@@ -1,0 +1,1 @@
+"""Triangle meshes of the world, hollows and all, and height fields."""
