@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from copy import copy, deepcopy
+from copy import deepcopy
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
@@ -13,7 +13,9 @@ import pinocchio as pin
 
 from ..arguments import shown
 from ..constraints import GapFunction
+from ..constraints.families.given import named_gap_functions
 from ..errors import InputError
+from ..geometry.shapes.shapes import HalfSpace
 from ..problem import Problem
 from ..system import System
 from ..system.free.bodies import FreeBodies, Spheres
@@ -92,22 +94,18 @@ class Offset(Parameter):
         By how much it changes each gap: by -1 or not.
     wall : HalfSpace or GapFunction
         The wall.
+    moved : callable
+        moved(wall, by) -> the wall moved along its normal [m].
     length : float
         That of the scene [m].
     """
 
-    def __init__(self, gaps: Array, wall: Any, length: float) -> None:
-        self.gaps, self._wall, self.sizes = gaps, wall, np.array([length])
+    def __init__(self, gaps: Array, wall: Any, moved: Callable[[Any, float], Any], length: float) -> None:
+        self.gaps, self._wall, self._moved, self.sizes = gaps, wall, moved, np.array([length])
 
     def vary(self, replaced: dict[int, Any], change: Array) -> None:
-        now: Any = replaced.get(id(self._wall), self._wall)
-        by = float(change[0])
-        if isinstance(now, GapFunction):
-            f, now = now.f, copy(now)
-            now.f = lambda q: f(q) - by
-        else:
-            now = replace(now, offset=now.offset + by)
-        replaced[id(self._wall)] = now
+        now = replaced.get(id(self._wall), self._wall)
+        replaced[id(self._wall)] = self._moved(now, float(change[0]))
 
 
 class Parameters:
@@ -219,14 +217,19 @@ def _torque(problem: Problem, part: Part, joint: int) -> Torque:
 def _offset(problem: Problem, name: str) -> Offset:
     constraints = problem.constraints
     names = [constraints.name(k) for k in range(len(constraints))]
-    given = {one.names[0]: one for one in constraints.constraints if isinstance(one, GapFunction) and one.names}
+    given = named_gap_functions(constraints.constraints)
     walls = {} if problem.scene is None else problem.scene.walls
     wall: Any
+    moved: Callable[[Any, float], Any]
     if name in walls:
-        met, wall = [one.endswith(f" | {name}") for one in names], walls[name]
+        met, wall, moved = [one.endswith(f" | {name}") for one in names], walls[name], _at_offset
     elif name in given:
-        met, wall = [one == name for one in names], given[name]
+        met, wall, moved = [one == name for one in names], given[name], GapFunction.behind
     else:
         known = ", ".join([*walls, *given]) or "none"
         raise InputError(f"wrt holds 'offset of {name}'; half-spaces and gap functions with a name are {known}")
-    return Offset(-np.array(met, float)[:, None], wall, problem.length)
+    return Offset(-np.array(met, float)[:, None], wall, moved, problem.length)
+
+
+def _at_offset(wall: HalfSpace, by: float) -> HalfSpace:
+    return replace(wall, offset=wall.offset + by)

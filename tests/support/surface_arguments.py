@@ -214,6 +214,12 @@ def nearer(rng):
     return *given, float(rng.choice([0.1, np.inf])), np.zeros(6), np.zeros(12)
 
 
+def far(rng):
+    scene = Scene(rng)
+    best = float(rng.choice([0.01, 0.1, np.inf]))
+    return scene.points, 0, 1, scene.mesh.vertices, scene.mesh.triangles, scene.triangle(), best
+
+
 def distances(rng):
     scene = Scene(rng)
     found = np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3))
@@ -245,6 +251,7 @@ SURFACE_ARGUMENTS = {
     "surface_contacts": contacts,
     "_box_apart": box_apart,
     "height_over_face": over_face,
+    "is_far": far,
     "nearer": nearer,
     "surface_distances": distances,
 }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 
 import numpy as np
 
@@ -60,6 +61,12 @@ class GapFunction:
                 )
             value = number.item()
         return np.array([value])
+
+    def behind(self, length: float) -> GapFunction:
+        """Return the constraint of a wall that is farther out along its normal by a length [m]."""
+        moved, f = copy(self), self.f
+        moved.f = lambda q: f(q) - length
+        return moved
 
     def gradient(self, t: float, q: Array) -> Array:
         """Return grad f(q), shape (1, nv)."""

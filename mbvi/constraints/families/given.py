@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
@@ -339,3 +339,8 @@ class GivenRows(GivenConstraint):
 
 def _scale(q: Array) -> float:
     return max(1.0, float(np.abs(q).max(initial=0.0)))
+
+
+def named_gap_functions(constraints: Iterable[Any]) -> dict[str, GapFunction]:
+    """Return those of some constraints that are a `GapFunction` with a name."""
+    return {one.names[0]: one for one in constraints if isinstance(one, GapFunction) and one.names}

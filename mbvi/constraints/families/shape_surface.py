@@ -104,14 +104,19 @@ class ShapeSurface(ConstraintFamily):
 
     def nearest(self, q: Array, shapes: Array) -> Contacts:
         """Return the deepest contact of each of some shapes in ascending order, or where it is nearest to the mesh."""
-        count = len(shapes)
-        gap, point, normal = np.empty(count), np.empty((count, 3)), np.empty((count, 3))
-        arguments = self._places(q), self._creases, self._cores, np.asarray(shapes, dtype=np.int64)
-        surface_distances(*arguments, *self._scratch, np.empty(12), gap, point, normal)
-        for i, deep, at, n in zip(*self._measure(q, shapes, 0.0), strict=True):
-            k = int(np.searchsorted(shapes, i))
+        count, numbers = len(shapes), np.asarray(shapes, dtype=np.int64)
+        gap, point, normal = np.full(count, np.inf), np.empty((count, 3)), np.empty((count, 3))
+        for i, deep, at, n in zip(*self._measure(q, numbers, 0.0), strict=True):
+            k = int(np.searchsorted(numbers, i))
             if deep < gap[k]:
                 gap[k], point[k], normal[k] = deep, at, n
+        # what has no row does not touch: its distance takes longer
+        apart = np.flatnonzero(gap == np.inf)
+        if apart.size:
+            found = np.empty(len(apart)), np.empty((len(apart), 3)), np.empty((len(apart), 3))
+            arguments = self._places(q), self._creases, self._cores, numbers[apart]
+            surface_distances(*arguments, *self._scratch, np.empty(12), *found)
+            gap[apart], point[apart], normal[apart] = found
         return Contacts(shapes, gap, point, normal)
 
     def nearest_points(self, q: Array) -> tuple[Array, Array]:

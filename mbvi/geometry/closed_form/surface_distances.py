@@ -45,6 +45,18 @@ def height_over_face(
     return height
 
 
+@kernel("b1(f8[:,::1], i8, i8, f8[:,::1], i8[:,::1], i8, f8)")
+def is_far(points: Array, a: int, b: int, vertices: Array, triangles: Array, t: int, best: float) -> bool:
+    """Return whether a box about two points is farther than a distance from one about a triangle, along an axis."""
+    i, j, k = triangles[t, 0], triangles[t, 1], triangles[t, 2]
+    for c in range(3):
+        x, y, z = vertices[i, c], vertices[j, c], vertices[k, c]
+        p, q = points[a, c], points[b, c]
+        if min(p, q) - max(x, y, z) >= best or min(x, y, z) - max(p, q) >= best:
+            return True
+    return False
+
+
 @kernel("f8(Creases, Cores, i8, i8, f8[:,::1], f8[:,::1], f8, f8[::1], f8[::1])")
 def nearer(
     mesh: Creases, cores: Cores, s: int, t: int, points: Array, faces: Array, best: float, found: Array, out: Array
@@ -69,6 +81,8 @@ def nearer(
     if lowest >= best:
         return best
     for i in range(number):
+        if is_far(points, i, i, x, corners, t, best):
+            continue
         _, far = nearest_on_triangle(x, corners, t, points, i, out)
         if 0.0 < far < best:
             best = far
@@ -76,6 +90,8 @@ def nearer(
                 found[c], found[3 + c] = points[i, c], (points[i, c] - out[c]) / far
     for e in range(cores.first_edge[s], cores.first_edge[s + 1]):
         a, b = cores.edges[e, 0] - first, cores.edges[e, 1] - first
+        if is_far(points, a, b, x, corners, t, best):
+            continue
         for k in range(3):
             c, d = corners[t, k], corners[t, (k + 1) % 3]
             if crossing(points, a, b, x, c, d, 0.0, out) and 0.0 < abs(out[6]) < best:
