@@ -183,12 +183,15 @@ class TunnellingGuard:
             begin, rise = short, gap(short) - start
             if rise < -near:
                 return short
-            if not family.parted:
-                # it may turn and touch elsewhere: it must not sink so far that it is no longer found
-                deep = max(0.5 * thickness, 0.2 * thickness - start)
-                return begin + first_root_by_slope(lambda x: gap(begin + x) + deep, 1.0 - begin, travel)
-            if rise < near:
+            if family.parted and rise < near:
                 return 1.0
+        if not family.parted:
+            # it may turn and touch elsewhere: it must not sink so far that it is no longer found
+            deep = max(0.5 * thickness, 0.2 * thickness - start)
+            sunk = begin + first_root_by_slope(lambda x: gap(begin + x) + deep, 1.0 - begin, travel)
+            # the search for the touch takes long steps only where bodies approach
+            if start <= tolerance or sunk >= 1.0:
+                return sunk
         x = begin + first_root_by_slope(lambda x: gap(begin + x), 1.0 - begin, travel)
         return min(x + short, 1.0) if x < 1.0 and gap(x) <= near else 1.0
 

@@ -12,8 +12,9 @@ Array = np.ndarray
 
 # most rows and columns that are drawn, those of larger fields at equal distances
 _MOST = 200
-# contour lines between the least and the largest height, about
-_LINES = 12
+# contour lines between the least and the largest height, about; fewer, where all are longer than so many sides of the
+# field, and none where these were few
+_LINES, _LONGEST, _FEWEST = 12, 80.0, 3
 # from the least height to the largest
 _COLORS = np.array([[0.36, 0.52, 0.38], [0.66, 0.70, 0.46], [0.80, 0.69, 0.50], [0.93, 0.92, 0.90]])
 _LINE_COLOR = 0x4A4438
@@ -41,7 +42,9 @@ def field_meshes(item: SurfaceItem) -> tuple[g.Mesh, g.LineSegments | None]:
         polygonOffsetFactor=1, polygonOffsetUnits=1,
     )  # fmt: skip
     surface = g.Mesh(g.TriangularMeshGeometry(place, triangles, colors), material)
-    ends = contour_lines(place, z, triangles, round_number(extent / _LINES)) if extent > 0.0 else np.zeros((0, 3))
+    apart = max(extent / _LINES, float(np.ptp(z[triangles], axis=1).sum()) / max(len(rows), len(columns)) / _LONGEST)
+    drawn = 0.0 < _FEWEST * apart < extent
+    ends = contour_lines(place, z, triangles, round_number(apart)) if drawn else np.zeros((0, 3))
     if not len(ends):
         return surface, None
     return surface, g.LineSegments(g.PointsGeometry(ends.T), g.LineBasicMaterial(color=_LINE_COLOR))

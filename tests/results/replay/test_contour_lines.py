@@ -33,6 +33,8 @@ def test_a_turned_field_has_the_lines_of_its_own_heights_and_a_level_one_has_non
     np.testing.assert_allclose(np.unique(np.round(z, 9)), 0.2 * np.arange(15))
     assert surface.geometry.vertices.shape == (12, 3)
     assert field_meshes(item_of(np.ones((2, 2))))[1] is None
+    # of gravel lines would hide the surface
+    assert field_meshes(item_of(np.random.default_rng(0).uniform(size=(64, 64))))[1] is None
 
 
 def test_of_a_large_field_200_rows_and_columns_are_drawn_to_its_rim():
