@@ -15,6 +15,7 @@ from .contact_changes import change_contacts, touching_rows
 from .fallback import STEP, bounce, fall_back
 from .feature_events import drop_features, first_feature_change
 from .friction.events import first_mode_end
+from .friction.forces import contact_forces
 from .impact_event import ImpactEvent
 from .motion_state import NO_ROWS, MotionState
 from .release_events import first_release
@@ -87,7 +88,10 @@ class EventDrivenIntegrator(MotionState):
                 h = min(h, max(_AFTER * share * length, _LEAST_AFTER))
             at_once = at_once + 1 if event and step.h < _LEAST_STEP * max(1.0, abs(self.t)) else 0
             self._advance(step, end)
-            self.observed.smooth_step(step, self.closed, self.t, self.q)
+            sliding = None
+            if self.modes is not None and self.closed.size and self.observed.active:
+                sliding = contact_forces(self.rows, self.modes, (self.t, self.q, self.v), self.closed, step.h)
+            self.observed.smooth_step(step, self.closed, self.t, self.q, sliding)
             yield step
             if event:
                 drop_features(self, first)

@@ -8,6 +8,7 @@ import numpy as np
 
 from ...problem import Problem
 from ...system.system import Array
+from ..contact_friction import ContactFriction
 from ..observer import contacts_of_rows, observer
 from ..step import Step
 from .contact_rows import SmoothRows
@@ -43,19 +44,28 @@ class ContactObserver:
             self._observe(partial(contacts_of_rows, *found, 0.0, self._name, event.friction))
         return event
 
-    def smooth_step(self, step: RungeKuttaStep, closed: Array, t: float, q: Array) -> None:
-        """Pass on the contact forces at the end of a smooth step, at (t, q), as percussions over its length."""
+    def smooth_step(
+        self, step: RungeKuttaStep, closed: Array, t: float, q: Array, known: tuple[Array, ContactFriction] | None
+    ) -> None:
+        """Pass on the contact forces at the end of a smooth step, at (t, q), as percussions over its length.
+
+        With friction these are `known`, with that of the contacts.
+        """
         if self._observe is None or not step.h > 0.0:
             return
         if not closed.size:
             self._observe(tuple)
             return
-        # accelerations at the end with and without contact forces, both computed before the control receives these
-        kept, free = np.split(step.a, 2)
-        J = self._rows.gradients(t, q, closed)
-        forces = least_percussion(J @ self._metric(q).solve_rows(J).T, J @ (kept - free))
+        friction = None
+        if known is not None:
+            percussion, friction = known
+        else:
+            # accelerations at the end with and without contact forces, both computed before the control receives these
+            kept, free = np.split(step.a, 2)
+            J = self._rows.gradients(t, q, closed)
+            percussion = step.h * least_percussion(J @ self._metric(q).solve_rows(J).T, J @ (kept - free))
         number, (point, normal) = self._rows.number[closed], self._rows.points(t, q, closed)
-        self._observe(partial(contacts_of_rows, number, step.h * forces, point, normal, step.h, self._name))
+        self._observe(partial(contacts_of_rows, number, percussion, point, normal, step.h, self._name, friction))
 
     def step(self, step: Step, h: float) -> None:
         """Pass on a step of `Paoli` of length h."""

@@ -79,6 +79,24 @@ def test_a_sliding_contact_bears_mu_times_its_load():
             assert np.abs(contact.tangential).max() < 1e-10 * contact.percussion
 
 
+def test_a_control_sees_the_friction_of_a_sliding_contact():
+    """Between impacts it receives what is recorded: mu times the load against the slip, then none."""
+    scene, seen = mbvi.Scene(friction=0.2), []
+    scene.add_halfspace((0, 0, 1), name="floor")
+    scene.add_sphere(0.1, 1.5, position=(0, 0, 0.1), velocity=(1.2, -0.9, 0), name="ball")
+    scene.add_control(lambda state: seen.extend((state.t, contact) for contact in state.contacts))
+    run = mbvi.simulate(scene.build(), mbvi.EventDriven(1e-8), duration=2.0)
+    stop = 2 * 1.5 / (7 * 0.2 * G)
+    # contacts are those of the smooth step before; steps that are tried call the control too
+    sliding, rolling = [contact for t, contact in seen if t < stop], [contact for _, contact in seen[-10:]]
+    assert sliding and run.t[-2] > stop
+    for contact in (*sliding, *rolling):
+        assert contact.force == pytest.approx(1.5 * G, rel=1e-9)
+    for contact in sliding:
+        np.testing.assert_allclose(contact.tangential, -0.2 * contact.percussion * np.array([0.8, -0.6, 0]), rtol=1e-9)
+    assert max(np.abs(contact.tangential).max() / contact.percussion for contact in rolling) < 1e-9
+
+
 def test_the_load_reaches_the_cone_when_it_should():
     """A pull that grows with time breaks a point away at mu times its weight, and it slides on from there."""
     mu, rate = 0.4, 8.0
