@@ -15,7 +15,7 @@ def passed(mu: float, page: str | None = None) -> int:
     """Return the number of grains that are in the lower glass after one and a half seconds."""
     scene = mbvi.Scene(friction=mu)
     scene.add_surface(*surfaces.hourglass(radius=0.2, neck=0.024, height=0.34, segments=24), name="glass")
-    sand = packing.layers((-0.06, -0.06, 0.13), (0.06, 0.06), packing.uniform(0.0095, 0.0105), count=COUNT, seed=2)
+    sand = packing.layers((-0.06, -0.06, 0.13), (0.06, 0.06), packing.uniform(0.0095, 0.0105), count=COUNT, seed=0)
     scene.add_spheres(*sand, density=2500.0, name="sand")
     run = mbvi.simulate(scene.build(), mbvi.StewartTrinkle(), step=1e-3, duration=1.5, every=10, progress=False)
     if page:

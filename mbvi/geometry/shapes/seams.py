@@ -21,8 +21,8 @@ from .shapes import PlacedShape
 # lengths are relative to the bounding radius of a shape
 # parts that are apart by less touch each other; points that are so level belong to one face
 _TOUCHING = 1e-6
-# where a face is looked at beside a point of contact
-_BESIDE = 1e-4
+# how far beside a point of contact a face is looked at: a body that has sunk into a corner touches both faces behind it
+_BESIDE = 0.02
 
 
 @record("i8[::1], i8[::1], i8[::1], f8[:,::1], i8[::1], f8[:,::1], f8[::1]")
@@ -145,8 +145,8 @@ def is_covered(seams: Seams, shape: int, gap: float, middle: Array, normal: Arra
             continue
         for c in range(3):
             square += (v[c] - point[c]) ** 2
-        if square > (_BESIDE * size) ** 2:
-            share = _BESIDE * size / np.sqrt(square)
+        if square > (_TOUCHING * size) ** 2:
+            share = min(_BESIDE * size / np.sqrt(square), 1.0)
             for c in range(3):
                 beside[c] = point[c] + share * (v[c] - point[c])
             if not is_hidden_at(seams, shape, beside, n):
