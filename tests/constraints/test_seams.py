@@ -126,17 +126,19 @@ def test_a_ball_rolls_down_a_ramp_onto_the_floor():
 
 
 @pytest.mark.parametrize("depth", [1e-7, 1e-5, 1e-3])
-def test_a_body_that_has_sunk_into_a_corner_is_pushed_out_of_both_faces(depth):
+def test_a_plate_that_has_sunk_into_a_corner_is_pushed_out_of_both_faces(depth):
     # overlapping walls, as the plates of a drum: the point of contact of each lies within the other
     scene = mbvi.Scene()
     scene.add_box((1.0, 1.0, 0.2), position=(0.0, 0.0, -0.1), fixed=True, name="floor")
     scene.add_box((0.2, 1.0, 1.0), position=(0.4, 0.0, 0.2), fixed=True, name="wall")
-    scene.add_box((0.1, 0.1, 0.1), mass=1.0, position=(0.1, 0.0, 0.2), name="body")
+    # the narrow end of a thin plate points into the corner
+    long, thin = 0.2, 0.2 * depth
+    scene.add_box((long, 0.1, thin), mass=1.0, position=(0, 0, 0.3), rotation=(0, np.pi / 4, 0), name="plate")
     problem = scene.build()
-    q = problem.q0.copy()
-    q[:3] = 0.25 + depth, 0.0, 0.05 - depth
+    q, reach = problem.q0.copy(), (long + thin) / np.sqrt(8.0)
+    q[:3] = 0.3 + depth - reach, 0.0, reach - depth
     rows = problem.constraints.active(0.0, q, 1e-9)
-    assert {problem.constraints.name(k) for k in rows.constraint} == {"floor | body", "wall | body"}
+    assert {problem.constraints.name(k) for k in rows.constraint} == {"floor | plate", "wall | plate"}
 
 
 def unions():
