@@ -9,9 +9,9 @@ from .families.joint_limit import JointLimits
 from .families.moving import MovingFrame, MovingWalls
 from .families.shape_surface import ShapeSurface
 from .families.signed_distance import SignedDistances
-from .families.sphere_surface import SphereSurface
 from .families.sphere_walls import SphereWalls
 from .families.spheres import SphereCentres, SphereContacts
+from .families.surface import SphereSurface
 from .family import ConstraintFamily, RowTable
 from .rows import Constraint, Rows
 

@@ -79,8 +79,6 @@ class ConstraintFamily(ABC):
         the tunnelling guard shall not check.
     hollow : bool
         Whether bodies of a pair may touch, part, and touch elsewhere within a step: one is not convex.
-    parted : bool
-        Whether a pair deeper than its thickness still has rows that part it.
     tracked : bool
         Whether the rows can be listed one by one, as `EventDriven` needs them.
     skips_resting : bool
@@ -102,7 +100,6 @@ class ConstraintFamily(ABC):
     moving: bool = False
     thickness: Array | float = np.inf
     hollow: bool = False
-    parted: bool = True
     tracked: bool = True
     skips_resting: bool = False
     some_rest: bool = False

@@ -181,17 +181,8 @@ class TunnellingGuard:
         if start <= tolerance:
             # a pair that touches at the start: it passes only if its gap falls, and a short step lets the law act on it
             begin, rise = short, gap(short) - start
-            if rise < -near:
-                return short
-            if family.parted and rise < near:
-                return 1.0
-        if not family.parted:
-            # it may turn and touch elsewhere: it must not sink so far that it is no longer found
-            deep = max(0.5 * thickness, 0.2 * thickness - start)
-            sunk = begin + first_root_by_slope(lambda x: gap(begin + x) + deep, 1.0 - begin, travel)
-            # the search for the touch takes long steps only where bodies approach
-            if start <= tolerance or sunk >= 1.0:
-                return sunk
+            if rise < near:
+                return short if rise < -near else 1.0
         x = begin + first_root_by_slope(lambda x: gap(begin + x), 1.0 - begin, travel)
         return min(x + short, 1.0) if x < 1.0 and gap(x) <= near else 1.0
 

@@ -235,7 +235,7 @@ def test_a_mesh_file_with_a_vertex_for_each_corner_is_welded(tmp_path):
     scene.add_sphere(0.1, position=(0.5, 0.5, 1.3))
     problem = scene.build()
     np.testing.assert_allclose(problem.constraints.gap(0.0, problem.q0), [0.2], atol=1e-12)
-    assert "1 spheres at a mesh" in problem.report()
+    assert "1 sphere at a mesh" in problem.report()
 
 
 def test_a_ball_larger_than_the_neck_plugs_the_funnel_at_the_exact_height():

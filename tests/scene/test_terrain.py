@@ -65,7 +65,7 @@ def test_a_scene_with_terrain_is_kept_by_files_and_shown(tmp_path, motion):
     scene.add_sphere(0.1, mass=1.0, position=(0.1, 0.2, 0.4), name="ball", velocity=(1.0, 0.0, 0.0))
     scene.set_friction("bowl", "ball", 0.1)
     problem = scene.build()
-    assert problem.report().count("spheres at a mesh") == 2
+    assert problem.report().count("1 sphere at a mesh") == 2
     run = mbvi.simulate(problem, mbvi.StewartTrinkle(), step=2e-3, duration=0.6)
     run.save(tmp_path / "run.h5")
     again = mbvi.load(tmp_path / "run.h5")
