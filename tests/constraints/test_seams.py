@@ -97,8 +97,9 @@ def test_a_robot_slides_on_tiles_as_on_a_half_space():
     np.testing.assert_allclose(*ends, atol=1e-7)
 
 
-@pytest.mark.parametrize("scheme", SCHEMES, ids=repr)
-def test_a_tile_that_stands_out_is_in_the_way(scheme):
+# `Centered` projects positions in the step of the impact onto other rows than those of a half-space
+@pytest.mark.parametrize(("scheme", "tolerance"), list(zip(SCHEMES, [1e-4, 1e-9, 1e-9], strict=True)), ids=repr)
+def test_a_tile_that_stands_out_is_in_the_way(scheme, tolerance):
     ends = []
     for scene in floors():
         scene.add_box((0.25, 4.0, 0.1), position=(0.8, 0.0, -0.02), fixed=True)
@@ -107,8 +108,7 @@ def test_a_tile_that_stands_out_is_in_the_way(scheme):
         # it strikes low, and tips
         assert run.impacts and abs(run.q[-1, 0] - (0.8 - 0.125 - 0.1)) < 0.01
         ends.append(np.concatenate([run.q[-1], run.v[-1]]))
-    # rows at the corners of tiles change the gaps in the step of the impact
-    np.testing.assert_allclose(*ends, atol=1e-4)
+    np.testing.assert_allclose(*ends, atol=tolerance)
 
 
 def test_a_ball_rolls_down_a_ramp_onto_the_floor():

@@ -914,6 +914,12 @@ def is_covered(rng):
     return found, shape, 0.0, point, -normal, -1.0
 
 
+def at_seam(rng):
+    found, shape, point, normal = seams(rng)
+    first, second = [(shape, -1), (-1, shape), (-1, -1)][rng.integers(3)]
+    return found, first, second, 0.0, point, normal if first >= 0 else -normal
+
+
 def uncovered(rng):
     found, shape, point, normal = seams(rng)
     first, second = np.array([shape, -1, shape]), np.array([-1, shape, -1])
@@ -941,6 +947,14 @@ def feature_normal(rng):
     sharing = np.flatnonzero((surface.features == number).any(axis=1))
     rank = np.concatenate([[0], rng.permutation(len(sharing))])
     return surface.vertices, surface.triangles, sharing, rank, 1, len(sharing), number, np.zeros(3)
+
+
+def side_of(rng):
+    points, corners, sharing, rank, first, count, number, normal = feature_normal(rng)
+    # sharing triangles stand behind one that does not
+    numbers = np.full(len(sharing), number)
+    foot, centres = points[corners[sharing, 0]], rng.normal(size=(2, 3))
+    return points, corners, sharing, numbers, rank, first, first + count, centres, 1, foot, normal
 
 
 def bipyramid(rng):
@@ -1100,9 +1114,11 @@ ARGUMENTS = {
     "reach_along": lambda rng: [seams(rng)[k] for k in (0, 1, 3)],
     "is_hidden_at": seams,
     "is_covered": is_covered,
+    "at_seam": at_seam,
     "uncovered": uncovered,
     "nearest_on_triangle": nearest_on_triangle,
     "feature_normal": feature_normal,
+    "side_of": side_of,
     "mesh_distances": mesh_distances,
     "sort_by_feature": sort_by_feature,
     "mesh_contacts": mesh_contacts,

@@ -338,7 +338,7 @@ CALLS = {
     "pair_contacts": [(PAOLI, quadruped, BOUNCY, 27), (DEFAULT, on_block, ROUGH, 90), (CENTERED, quadruped, RIGID, 99)],
     "measured_in_closed_form": [(DEFAULT, quadruped, RIGID, n) for n in (1, 4, 9)],
     "measured_from_axes": [(DEFAULT, on_block, BOUNCY, 0), (PAOLI, on_block, BOUNCY, 1), (PAOLI, on_block, BOUNCY, 2)],
-    "at_a_seam": [(DEFAULT, on_tiles, RIGID, n) for n in (1, 4, 9)],
+    "is_hidden": [(DEFAULT, on_tiles, RIGID, n) for n in (1, 4, 9)],
     "append_contact": [(DEFAULT, quadruped, RIGID, n) for n in (1, 4, 9)],
     "place": [(PAOLI, hopper, BOUNCY, 8), (DEFAULT, quadruped, RIGID, 9), (CENTERED, on_block, RIGID, 20)],
     "weigh": [(PAOLI, hopper, BOUNCY, 8), (DEFAULT, quadruped, RIGID, 9), (CENTERED, on_block, RIGID, 20)],

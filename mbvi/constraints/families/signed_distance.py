@@ -78,9 +78,9 @@ class SignedDistances(Pairs):
         self._flat = ~np.logical_or(*table.smooth[sides.T])
         self._line = np.zeros(3) if line is None else np.array(line, dtype=float)
         self._planar = line is not None
-        # of each pair the shapes of the world, -1 for others
-        fixed = np.where(table.frame[sides.T] < 0, sides.T, -1)
-        self._fixed = tuple(fixed) if len(table.seams.neighbour) else None
+        # where fixed shapes touch each other: of each pair the shapes of the world, -1 for others
+        some = len(table.seams.neighbour) > 0
+        self._fixed = tuple(np.where(table.frame[sides.T] < 0, sides.T, -1)) if some else None
         self._bounds = np.zeros(self.size)
         # pairs of spheres and capsules have a continuous gradient
         self.smooth: Array = self._closed.smooth

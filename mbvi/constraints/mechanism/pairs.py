@@ -11,7 +11,7 @@ from ...geometry.broad.separating_axis import keep_normals, separated
 from ...geometry.closed_form.primitive_pairs import NONE, primitive_contacts
 from ...geometry.narrow.pair_contacts import write_contacts
 from ...geometry.narrow.pair_distances import distances_from_axes
-from ...geometry.shapes.seams import Seams, is_covered
+from ...geometry.shapes.seams import Seams, at_seam
 from ...geometry.shapes.shape_table import Shapes
 from ...system.mechanisms.mechanism import Mechanism
 from ...system.mechanisms.separation import row
@@ -169,16 +169,14 @@ def is_beyond(tables: tuple[Array, ...], pairs: PairShapes, pair: int, distance:
 
 
 @kernel("b1(Shapes, PairShapes, i8)")
-def at_a_seam(shapes: Shapes, pairs: PairShapes, contact: int) -> bool:
+def is_hidden(shapes: Shapes, pairs: PairShapes, contact: int) -> bool:
     """Return whether a contact that was measured is none of the union of fixed shapes."""
     if len(pairs.seams.first_neighbour) == 0:
         return False
-    pair, gap, point, normal = pairs.owner[contact], pairs.gap[contact], pairs.point[contact], pairs.normals[contact]
-    for side in range(2):
-        shape = shapes.sides[pair, side]
-        if shapes.frame[shape] < 0 and is_covered(pairs.seams, shape, gap, point, normal, 1.0 - 2.0 * side):
-            return True
-    return False
+    first, second = shapes.sides[pairs.owner[contact], 0], shapes.sides[pairs.owner[contact], 1]
+    first = first if shapes.frame[first] < 0 else -1
+    second = second if shapes.frame[second] < 0 else -1
+    return at_seam(pairs.seams, first, second, pairs.gap[contact], pairs.point[contact], pairs.normals[contact])
 
 
 @kernel("Tuple((i8, b1))(Mechanism, Tuple(Shapes), PairShapes, PairFamily, f8, RowBuffer)")
@@ -247,7 +245,7 @@ def pair_contacts(
         a, last = start, total if pairs.form[pair] != NONE else middle
         while a < last and pairs.owner[a] == pair:
             family.clearance[pair] = min(family.clearance[pair], pairs.gap[a])
-            if pairs.gap[a] <= tolerance and not at_a_seam(shapes, pairs, a):
+            if pairs.gap[a] <= tolerance and not is_hidden(shapes, pairs, a):
                 if rows.size[0] == MOST_ROWS:
                     return TOO_MANY, True
                 append_contact(mechanism, family, pair, pairs.gap[a], pairs.point[a], pairs.normals[a], rows)

@@ -7,6 +7,7 @@ import numpy as np
 from ...arguments import Array
 from ...compiled import kernel
 from ..meshes.triangles import FEW
+from .mesh_sides import feature_normal, side_of
 
 # the most boxes that wait in a search: one for each time that the number of triangles is halved, and one more
 _DEEPEST = 64
@@ -205,57 +206,6 @@ def sort_by_feature(triangle: Array, number: Array, distance: Array, count: int,
         step //= 3
 
 
-@kernel("void(f8[:,::1], i8[:,::1], i8[::1], i8[::1], i8, i8, i8, f8[::1])")
-def feature_normal(
-    vertices: Array, triangles: Array, triangle: Array, rank: Array, first: int, shared: int, number: int, normal: Array
-) -> None:
-    """Write the unit normal of a feature: that of the face, or the mean of those about an edge or a corner.
-
-    Parameters
-    ----------
-    vertices, triangles
-        Of `Surface`.
-    triangle, rank : ndarray of int
-        See `near_triangles`; `shared` places of `rank` from `first` on are the triangles that share the feature.
-    first, shared, number : int
-        These places, and the feature's number.
-    normal : ndarray, shape (3,)
-        Receives the normal.
-
-    Notes
-    -----
-    At a corner faces count by their angles: J. A. Baerentzen, H. Aanaes, Signed distance computation using the angle
-    weighted pseudonormal (2005).
-    """
-    for x in range(3):
-        normal[x] = 0.0
-    for k in range(first, first + shared):
-        t = triangle[rank[k]]
-        corner = 0
-        for j in range(3):
-            if triangles[t, j] == number:
-                corner = j
-        a, b, c = triangles[t, corner], triangles[t, (corner + 1) % 3], triangles[t, (corner + 2) % 3]
-        square, along, weight = 0.0, 0.0, 1.0
-        for x in range(3):
-            y, z = (x + 1) % 3, (x + 2) % 3
-            area = (vertices[b, y] - vertices[a, y]) * (vertices[c, z] - vertices[a, z])
-            area -= (vertices[b, z] - vertices[a, z]) * (vertices[c, y] - vertices[a, y])
-            square += area * area
-            along += (vertices[b, x] - vertices[a, x]) * (vertices[c, x] - vertices[a, x])
-        length = np.sqrt(square)
-        if number < len(vertices):
-            weight = np.arctan2(length, along)
-        for x in range(3):
-            y, z = (x + 1) % 3, (x + 2) % 3
-            area = (vertices[b, y] - vertices[a, y]) * (vertices[c, z] - vertices[a, z])
-            area -= (vertices[b, z] - vertices[a, z]) * (vertices[c, y] - vertices[a, y])
-            normal[x] += weight * area / length
-    length = np.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2)
-    for x in range(3):
-        normal[x] /= max(length, 1e-300)
-
-
 @kernel(
     "Tuple((i8, i8))(f8[:,::1], i8[:,::1], i8[::1], f8[:,::1], i8[:,::1], i8[::1], b1[::1], f8[:,::1], f8[::1],"
     " f8[::1], f8, f8, i8[::1], i8[::1], f8[::1], f8[:,::1], i8[::1], i8[::1], f8[::1], f8[:,::1], f8[:,::1])"
@@ -307,46 +257,46 @@ def mesh_contacts(
         sort_by_feature(triangle, number, distance, found, rank)
         for j in range(found):
             closest = min(closest, distance[j])
-        # on the first pass the nearest feature says whether the centre is behind it
-        behind, deep = False, False
-        for look in range(2):
-            k, done = 0, False
-            while k < found and not done:
-                # the nearest of all triangles that share a feature, and how many of them have their nearest point there
-                first, near, shared = k, rank[k], 1
-                while k + shared < found and number[rank[k + shared]] == number[near]:
-                    shared += 1
-                k += shared
-                length = distance[near]
-                nearest = length == closest
-                if not nearest and (look == 0 or behind or shared < sharers[number[near]]):
-                    continue
-                side = 0.0
-                if not sheet[number[near]]:
-                    feature_normal(vertices, triangles, triangle, rank, first, shared, number[near], outward)
-                    for x in range(3):
-                        side += (centres[i, x] - foot[near, x]) * outward[x]
-                if look == 0:
-                    behind, done = side < 0.0, True
-                    if behind and length > deepest * radii[i]:
-                        behind, deep = False, True
-                    continue
-                if side < 0.0 and not (behind or deep):
+        # the nearest feature says whether the centre is behind it
+        k = 0
+        while k < found and distance[rank[k]] != closest:
+            k += 1
+        behind = (
+            found > 0
+            and not sheet[number[rank[k]]]
+            and side_of(vertices, triangles, triangle, number, rank, k, found, centres, i, foot, outward) < 0.0
+        )
+        deep = behind and closest > deepest * radii[i]
+        behind = behind and not deep
+        k = 0
+        while k < found:
+            # the nearest of all triangles that share a feature, and how many of them have their nearest point there
+            first, near, shared = k, rank[k], 1
+            while k + shared < found and number[rank[k + shared]] == number[near]:
+                shared += 1
+            k += shared
+            length, solid = distance[near], not sheet[number[near]]
+            if length != closest and (behind or shared < sharers[number[near]]):
+                continue
+            if behind:
+                # one contact pushes it out
+                k = found
+            elif solid and not deep:
+                if side_of(vertices, triangles, triangle, number, rank, first, k, centres, i, foot, outward) < 0.0:
                     # the back of what is thin
                     continue
-                done = behind
-                sign = -1.0 if behind else 1.0
-                apart = sign * length - radii[i]
-                if not apart <= tolerance:
-                    continue
-                if count < len(sphere):
-                    sphere[count], gap[count] = i, apart
-                    if length == 0.0 and sheet[number[near]]:
-                        # a centre on the mesh leaves along the normal of the triangle
-                        feature_normal(vertices, triangles, triangle, rank, first, 1, number[near], outward)
-                    known = length == 0.0 or (not (sheet[number[near]] or deep) and length < _ON_IT * radii[i])
-                    for x in range(3):
-                        normal[count, x] = outward[x] if known else sign * (centres[i, x] - foot[near, x]) / length
-                        point[count, x] = centres[i, x] - (radii[i] + 0.5 * apart) * normal[count, x]
-                count += 1
+            sign = -1.0 if behind else 1.0
+            apart = sign * length - radii[i]
+            if not apart <= tolerance:
+                continue
+            if count < len(sphere):
+                sphere[count], gap[count] = i, apart
+                if length == 0.0 and not solid:
+                    # a centre on the mesh leaves along the normal of the triangle
+                    feature_normal(vertices, triangles, triangle, rank, first, 1, number[near], outward)
+                known = length == 0.0 or (solid and not deep and length < _ON_IT * radii[i])
+                for x in range(3):
+                    normal[count, x] = outward[x] if known else sign * (centres[i, x] - foot[near, x]) / length
+                    point[count, x] = centres[i, x] - (radii[i] + 0.5 * apart) * normal[count, x]
+            count += 1
     return count, most

@@ -154,6 +154,17 @@ def is_covered(seams: Seams, shape: int, gap: float, middle: Array, normal: Arra
     return True
 
 
+@kernel("b1(Seams, i8, i8, f8, f8[::1], f8[::1])")
+def at_seam(seams: Seams, first: int, second: int, gap: float, middle: Array, normal: Array) -> bool:
+    """Return whether a contact is none of the unions of fixed shapes.
+
+    `first` and `second` are the fixed shapes on either side, -1 for one that moves; the normal leads to the second.
+    """
+    if first >= 0 and is_covered(seams, first, gap, middle, normal, 1.0):
+        return True
+    return second >= 0 and is_covered(seams, second, gap, middle, normal, -1.0)
+
+
 @kernel("i8(Seams, i8[::1], i8[::1], f8[::1], f8[:,::1], f8[:,::1], i8[::1])")
 def uncovered(seams: Seams, first: Array, second: Array, gap: Array, middle: Array, normal: Array, kept: Array) -> int:
     """Write the places of the contacts that the unions of fixed shapes have; return how many.
@@ -171,8 +182,7 @@ def uncovered(seams: Seams, first: Array, second: Array, gap: Array, middle: Arr
     """
     count = 0
     for i in range(len(gap)):
-        covered = first[i] >= 0 and is_covered(seams, first[i], gap[i], middle[i], normal[i], 1.0)
-        if not covered and not (second[i] >= 0 and is_covered(seams, second[i], gap[i], middle[i], normal[i], -1.0)):
+        if not at_seam(seams, first[i], second[i], gap[i], middle[i], normal[i]):
             kept[count] = i
             count += 1
     return count
