@@ -142,7 +142,7 @@ class Saltation:
             self._refuse("it comes to rest without an impact", unknown, impact.t)
 
     def check_forces(self, t: float, q: Array, v: Array, closed: Array, rests: Array, by: str) -> None:
-        """Refuse rows among those kept closed that no force presses: a varied motion may leave them."""
+        """Refuse rows among those kept closed that carry no force: a varied motion may leave them."""
         free, metric, J, wanted, scale = self._linear.flow.contact_equations(t, q, v, closed)
         G = J @ metric.solve_rows(J).T
         forces = least_percussion(G, wanted - J @ free) * G.diagonal()

@@ -31,7 +31,7 @@ class Regressor:
         self._model, self._weightless, self._data = system.model, system.model.copy(), system.model.createData()
         self._weightless.gravity = pin.Motion.Zero()
         self._still = np.zeros(system.nv)
-        # the last arguments and what was returned, because several links are asked for in turn
+        # the last arguments and what was returned, because several links are evaluated one after another
         self._last: tuple[bytes, Array] = b"", np.zeros((0, 0))
 
     def forces(self, q: Array, v: Array, a: Array) -> Array:

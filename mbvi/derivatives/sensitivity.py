@@ -127,7 +127,7 @@ def sensitivity(
         Where the run has no derivative, with time, bodies and reason. Constraints that close at once and are not
         orthogonal in the kinetic metric; impacts slower than the root of the tolerance, relative to the speed of their
         bodies or to a length of the scene a second, and gaps that just miss such an impact; impacts that accumulate; a
-        run that starts or ends at an impact; by parameters also closed contacts that no force presses. Where mbvi does
+        run that starts or ends at an impact; by parameters also closed contacts that carry no force. Where mbvi does
         not know it: another scheme, friction, loops and coupled joints, controls of the whole scene, polyhedra that
         touch each other.
     InputError

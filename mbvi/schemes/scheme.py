@@ -129,13 +129,18 @@ class Scheme(SchemeBase, ABC):
         return self.step(problem, t, state.q, state.v, h, projector)
 
 
-def refuse_friction(problem: Problem, scheme: SchemeBase, why: str) -> None:
-    """Raise `UnsuitableError` if a problem has friction, for a scheme that has no law of friction."""
+def refuse_joint_friction(problem: Problem, scheme: SchemeBase) -> None:
+    """Raise `UnsuitableError` if joints of a problem have dry friction."""
     if problem.system.has_joint_friction:
         raise UnsuitableError(
             f"{scheme!r} has no dry friction of joints: take Centered(project_positions=True), StewartTrinkle, "
             "MoreauJean or Paoli, or leave it out by joint_friction=False, of a hinge by friction=0"
         )
+
+
+def refuse_friction(problem: Problem, scheme: SchemeBase, why: str) -> None:
+    """Raise `UnsuitableError` if a problem has friction, for a scheme that has no law of friction."""
+    refuse_joint_friction(problem, scheme)
     if problem.constraints.frictional:
         raise UnsuitableError(
             f"{scheme!r} has no friction, because {why}: take Centered(project_positions=True), StewartTrinkle, "

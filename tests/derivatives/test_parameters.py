@@ -204,7 +204,7 @@ def refused(scene, reason, wrt, duration=0.5):
 
 
 def test_where_none_is():
-    # a ball that no force presses: pushed it stays, pulled it leaves
+    # a ball whose contact carries no force: pushed it stays, pulled it leaves
     scene = mbvi.Scene(gravity=(0, 0, 0))
     scene.add_halfspace((0, 0, 1), name="floor")
     scene.add_sphere(radius=0.1, mass=1.0, position=(0, 0, 0.1), name="ball")

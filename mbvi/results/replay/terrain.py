@@ -5,6 +5,7 @@ from __future__ import annotations
 import meshcat.geometry as g
 import numpy as np
 
+from ...geometry.meshes.height_field import height_field
 from ...scene.items import SurfaceItem
 from .meshes import round_number
 
@@ -28,11 +29,7 @@ def field_meshes(item: SurfaceItem) -> tuple[g.Mesh, g.LineSegments | None]:
     rows, columns = (np.unique(np.linspace(0, n - 1, min(n, _MOST)).astype(int)) for n in item.heights.shape)
     z = item.heights[np.ix_(rows, columns)].ravel()
     place = item.placed().vertices.reshape(*item.heights.shape, 3)[np.ix_(rows, columns)].reshape(-1, 3)
-    number = np.arange(z.size).reshape(len(rows), len(columns))
-    here, right, above, beyond = (
-        n.ravel() for n in (number[:-1, :-1], number[:-1, 1:], number[1:, :-1], number[1:, 1:])
-    )
-    triangles = np.concatenate([np.stack([here, right, beyond], axis=1), np.stack([here, beyond, above], axis=1)])
+    triangles = height_field(z.reshape(len(rows), len(columns)), (1.0, 1.0)).triangles
     low, extent = float(z.min()), float(np.ptp(z))
     share = (z - low) / extent if extent > 0.0 else np.full(z.size, 0.5)
     colors = np.stack([np.interp(share, np.linspace(0.0, 1.0, len(_COLORS)), one) for one in _COLORS.T], axis=1)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from ...errors import UnsuitableError
 from ...problem import Problem
 from ...projection import Projector
-from ..scheme import OwnStepsScheme, refuse_friction
+from ..scheme import OwnStepsScheme, refuse_joint_friction
 from .integrator import EventDrivenIntegrator
 
 
@@ -49,8 +49,7 @@ class EventDriven(OwnStepsScheme):
 
     def check(self, problem: Problem) -> None:
         """Raise `UnsuitableError` if walls move by themselves, or joints, torsion or rolling have friction."""
-        if problem.system.has_joint_friction:
-            refuse_friction(problem, self, "")
+        refuse_joint_friction(problem, self)
         if problem.constraints.resistance is not None:
             raise UnsuitableError(
                 "EventDriven has no torsional and rolling friction: take Centered(project_positions=True), Adaptive or "
