@@ -46,7 +46,8 @@ class ShapeSurface(SurfaceContacts):
         # rows are found to twice this depth: a step may begin deep already
         self.thickness: Array = np.array([s.shape.inner * (1 if isinstance(s.shape, Capsule) else 0.5) for s in shapes])
         corners, faces = (int(np.diff(first).max()) for first in (self._cores[2], self._cores[7]))
-        self._scratch = np.empty((corners, 3)), np.empty((max(faces, 1), 4))
+        # the lowest points of two rims come behind the vertices
+        self._scratch = np.empty((corners + 2, 3)), np.empty((max(faces, 1), 4))
         self._make_room(200, 100)
 
     def carried(self, shape: PlacedShape) -> float:

@@ -10,6 +10,7 @@ from ..meshes.creases import Creases
 from ..meshes.triangles import FEW
 from ..narrow.spread import BESIDE, FEW_POINTS, FLAT, few_corners, one_face, spread_out
 from ..shapes.convex_cores import Cores
+from ..shapes.shapes import TILTED
 from ..vectors import within_plane
 from .surface_features import (
     above,
@@ -187,6 +188,57 @@ def round_rows(
     return count
 
 
+@kernel("i8(Creases, Cores, i8, i8, f8[:,::1], i8, f8[::1], f8, f8, f8[:,::1], i8, f8[::1])")
+def vertex_row(
+    mesh: Creases, cores: Cores, s: int, t: int, points: Array, i: int, middle: Array, tolerance: float, eps: float,
+    rows: Array, count: int, out: Array,
+) -> int:  # fmt: skip
+    """Add the row of point i of a core with triangle t, if it touches; see `all_rows`."""
+    radius, inner = cores.sizes[s, 3], cores.sizes[s, 4]
+    height = above(mesh.planes, t, 0, points[i, 0], points[i, 1], points[i, 2])
+    gap = height - radius
+    # the ends of a segment may sink by its radius more
+    if not -inner - radius <= gap <= tolerance:
+        return count
+    if radius > 0.0 and height > 0.0:
+        touches = above_triangle(mesh, t, points, i, eps)
+    else:
+        touches = on_triangle(mesh, middle, t, points, i, height, inner, _MARGIN * inner, eps)
+    if not touches:
+        return count
+    for c in range(3):
+        out[3 + c] = mesh.planes[t, 0, c]
+    x, y, z = points[i, 0] - radius * out[3], points[i, 1] - radius * out[4], points[i, 2] - radius * out[5]
+    return _add(rows, count, gap, x, y, z, out)
+
+
+@kernel("b1(f8[:,:,::1], Creases, Cores, i8, i8, f8[:,::1], i8, f8[::1])")
+def lowest_of_rims(
+    places: Array, mesh: Creases, cores: Cores, s: int, t: int, points: Array, number: int, middle: Array
+) -> bool:
+    """Write the lowest point of each rim of cylinder s over triangle t behind its vertices, if the rims are tilted.
+
+    Returns whether they are; see `shapes.TILTED`.
+    """
+    f, axis, down = cores.frame[s], np.empty(3), np.empty(3)
+    along, square, length = 0.0, 0.0, 0.0
+    for c in range(3):
+        axis[c] = 0.0
+        for k in range(3):
+            axis[c] += cores.rims[s, k] * places[f, k, c]
+        along += axis[c] * mesh.planes[t, 0, c]
+        square += axis[c] * axis[c]
+    for c in range(3):
+        down[c] = along / square * axis[c] - mesh.planes[t, 0, c]
+        length += down[c] * down[c]
+    if length < TILTED * TILTED:
+        return False
+    for c in range(3):
+        lower = middle[c] + cores.rims[s, 3] * down[c] / np.sqrt(length)
+        points[number, c], points[number + 1, c] = lower - axis[c], lower + axis[c]
+    return True
+
+
 @kernel("Tuple((i8, i8))(f8[:,:,::1], Creases, Cores, i8, f8, f8, i8[::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[::1])")
 def all_rows(
     places: Array, mesh: Creases, cores: Cores, s: int, tolerance: float, eps: float, near: Array, points: Array,
@@ -213,7 +265,8 @@ def all_rows(
     low, high, wide, middle, count = np.empty(3), np.empty(3), np.empty((2, 3)), np.empty(3), 0
     place_core(places, cores, s, points, faces, middle)
     radius, inner, number = cores.sizes[s, 3], cores.sizes[s, 4], cores.first_point[s + 1] - cores.first_point[s]
-    around, margin = radius + max(tolerance, inner), _MARGIN * inner
+    # rims reach beyond the vertices that stand for them
+    around = radius + max(tolerance, inner) + 0.01 * cores.rims[s, 3]
     for c in range(3):
         low[c], high[c] = points[0, c], points[0, c]
         for i in range(1, number):
@@ -222,22 +275,13 @@ def all_rows(
     triangles = triangles_in_box(mesh, wide[0], wide[1], near)
     if triangles > len(near):
         return triangles, 0
-    for i in range(number):
-        for j in range(triangles):
-            t = near[j]
-            height = above(mesh.planes, t, 0, points[i, 0], points[i, 1], points[i, 2])
-            gap = height - radius
-            # the ends of a segment may sink by its radius more
-            if -inner - radius <= gap <= tolerance:
-                if radius > 0.0 and height > 0.0:
-                    touches = above_triangle(mesh, t, points, i, eps)
-                else:
-                    touches = on_triangle(mesh, middle, t, points, i, height, inner, margin, eps)
-                if touches:
-                    for c in range(3):
-                        out[3 + c] = mesh.planes[t, 0, c]
-                    x, y, z = points[i, 0] - radius * out[3], points[i, 1] - radius * out[4], points[i, 2]
-                    count = _add(rows, count, gap, x, y, z - radius * out[5], out)
+    for j in range(triangles):
+        begin, end = 0, number
+        # a rim that is tilted stands on its lowest point only
+        if cores.rims[s, 3] > 0.0 and lowest_of_rims(places, mesh, cores, s, near[j], points, number, middle):
+            begin, end = number, number + 2
+        for i in range(begin, end):
+            count = vertex_row(mesh, cores, s, near[j], points, i, middle, tolerance, eps, rows, count, out)
     for j in range(triangles):
         if radius > 0.0:
             count = round_rows(mesh, cores, s, near[j], points, faces, middle, tolerance, eps, rows, count, out)

@@ -15,6 +15,7 @@ import numpy as np
 from ...arguments import Array
 from ...compiled import kernel, record
 from ..shapes.hull_graph import connected, outermost
+from ..shapes.shapes import TILTED
 from ..vectors import within_plane
 from .spread import BESIDE, FEW_POINTS, FLAT, few_corners, spread_out
 
@@ -136,11 +137,34 @@ def stand(places: Array, owners: Array, numbers: Array, gap: Array, point: Array
         point[i, 0], point[i, 1], point[i, 2], gap[i] = out[0], out[1], out[2], out[3]
 
 
+@kernel("b1(f8[:,:,::1], i8, f8[:,::1], i8)")
+def is_tilted(places: Array, body: int, numbers: Array, i: int) -> bool:
+    """Return whether point i is that of a rim, and not one of an ellipsoid, and the rim is tilted; see `lowest`."""
+    P, n, square, across = places, numbers, 0.0, 0.0
+    for k in range(9, 12):
+        if n[i, k] != 0.0:
+            return False
+    for j in range(3, 9, 3):
+        along = 0.0
+        for k in range(3):
+            up = P[body, k, 0] * n[i, 12] + P[body, k, 1] * n[i, 13] + P[body, k, 2] * n[i, 14]
+            along += n[i, j + k] * up
+            square += n[i, j + k] * n[i, j + k]
+        across += along * along
+    # both half axes are radii
+    return across > TILTED * TILTED * 0.5 * square
+
+
 @kernel("Tuple((i8, f8))(f8[:,:,::1], Points, i8, f8, i8)")
 def each_point_below(places: Array, points: Points, pair: int, tolerance: float, at: int) -> tuple[int, float]:
     """Do what `points_below` does by looking at every point."""
     out, count, least, body, numbers = points.out, 0, np.inf, points.body[pair], points.numbers
-    for i in range(points.begin[pair], points.begin[pair + 1]):
+    begin, end = points.begin[pair], points.begin[pair + 1]
+    # the rims of a cylinder come behind its fixed points
+    tilted = end > begin and is_tilted(places, body, numbers, end - 1)
+    for i in range(begin, end):
+        if tilted and not (numbers[i, 3] != 0.0 or numbers[i, 4] != 0.0 or numbers[i, 5] != 0.0):
+            continue
         lowest(places, body, numbers, i, out)
         least = min(least, out[3])
         if out[3] <= tolerance:

@@ -9,13 +9,15 @@ import numpy as np
 
 from ...arguments import Array
 from ...compiled import record
-from .shapes import Box, Capsule, Convex, Hull, PlacedShape
+from .shapes import Box, Capsule, Convex, Cylinder, Hull, PlacedShape
 
+# vertices of the prism inside each rim of a cylinder: at edges and corners of a mesh it is 0.2 % of the radius inside
+RIM = 48
 # triangles of a hull whose normals differ by less than this are one face
 _ONE_FACE = 1e-6
 
 
-@record("i8[::1], f8[:,::1], i8[::1], f8[:,::1], i8[:,::1], i8[::1], f8[:,::1], i8[::1], i8[:,::1], i8[::1]")
+@record("i8[::1], f8[:,::1], i8[::1], f8[:,::1], i8[:,::1], i8[::1], f8[:,::1], i8[::1], i8[:,::1], i8[::1], f8[:,::1]")
 class Cores(NamedTuple):
     """Convex shapes, each the set of points within a radius of a polyhedron or of a segment.
 
@@ -34,6 +36,8 @@ class Cores(NamedTuple):
         Outward unit normal and offset [m] of each face, in its body's frame.
     sides, first_side : ndarray of int, shapes (k, 3) and (f + 1,)
         The sides of each face: two vertices, anticlockwise seen from outside, and the face beyond.
+    rims : ndarray, shape (s, 4)
+        Of cylinders half of the axis in the body's frame, and the radius [m]; zero of other shapes.
     """
 
     frame: Array
@@ -46,22 +50,34 @@ class Cores(NamedTuple):
     first_face: Array
     sides: Array
     first_side: Array
+    rims: Array
 
 
 def has_core(shape: Convex) -> bool:
-    """Return whether a shape is a polyhedron, or a segment with a radius."""
-    return isinstance(shape, Box | Hull | Capsule)
+    """Return whether a shape is a polyhedron, a segment with a radius, or a cylinder."""
+    return isinstance(shape, Box | Hull | Capsule | Cylinder)
+
+
+def _corners(shape: Convex) -> Array:
+    """Return the vertices of a polyhedron, the ends of a segment, or points on the rims of a cylinder."""
+    if not isinstance(shape, Cylinder):
+        return shape.support_points()[0]
+    angle = 2.0 * np.pi * np.arange(RIM) / RIM
+    rim = shape.radius * np.column_stack([np.cos(angle), np.sin(angle)])
+    return np.concatenate([np.column_stack([rim, np.full(RIM, z)]) for z in (-0.5 * shape.length, 0.5 * shape.length)])
 
 
 def cores_of(shapes: Sequence[PlacedShape], frame: Array) -> Cores:
     """Return the cores of some shapes for which `has_core` holds, on bodies with the given places."""
-    sizes, points, edges, faces, sides = [], [], [], [], []
+    sizes, points, edges, faces, sides, rims = [], [], [], [], [], []
     first_point, first_edge, first_face, first_side = [0], [0], [0], [0]
     around: list[Array]
     for placed in shapes:
         shape = placed.shape
         radius = shape.radius if isinstance(shape, Capsule) else 0.0
-        own = shape.support_points()[0]
+        own = _corners(shape)
+        half_axis, rim = (0.5 * shape.length, shape.radius) if isinstance(shape, Cylinder) else (0.0, 0.0)
+        rims.append([*(half_axis * placed.rotation[:, 2]), rim])
         if isinstance(shape, Capsule):
             lines, planes, around = np.array([[0, 1, -1, -1]]), np.zeros((0, 4)), []
         else:
@@ -94,6 +110,7 @@ def cores_of(shapes: Sequence[PlacedShape], frame: Array) -> Cores:
         ints[2],
         np.concatenate([np.zeros((0, 3), np.int64), *sides]).astype(np.int64),
         ints[3],
+        np.array(rims),
     )
 
 

@@ -12,6 +12,7 @@ from ...compiled import kernel
 from ..broad.separating_axis import Shapes
 from ..vectors import dot
 from .hull_graph import connected, outermost
+from .shapes import TILTED
 
 # least cosine of a line with the normal of a face through which it leaves: others are nearly parallel to it
 FACING = 0.1
@@ -82,9 +83,10 @@ def near_corners(place: Array, sizes: Array, n: Array, depth: float, found: Arra
             continue
         if across > 0.0:
             count = _gather(place, n, lowest, u + disk * x / across, v + disk * y / across, w, found, count)
-        for turn in range(_RIM):
-            angle = 2.0 * np.pi * turn / _RIM
-            count = _gather(place, n, lowest, u + disk * np.cos(angle), v + disk * np.sin(angle), w, found, count)
+        if across < TILTED:
+            for turn in range(_RIM):
+                angle = 2.0 * np.pi * turn / _RIM
+                count = _gather(place, n, lowest, u + disk * np.cos(angle), v + disk * np.sin(angle), w, found, count)
     return count
 
 

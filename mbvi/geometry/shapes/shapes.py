@@ -21,6 +21,9 @@ Array = np.ndarray
 
 # fixed support points on a rim of unit radius: a cylinder on its end stands on them
 _RIM = np.array([[np.cos(a), np.sin(a), 0.0] for a in np.arange(12) * (np.pi / 6)])
+# sine of the tilt of a rim from which on only its lowest point can touch a face: the others would brake a wheel that
+# rolls, because along the velocity of a step they move into the face, and along their circle they do not
+TILTED = 0.1
 
 
 @dataclass(frozen=True)

@@ -22,8 +22,8 @@ def refuse_others(surface: str, shapes: list[PlacedShape]) -> None:
     others = [s.name for s in shapes if not (isinstance(s.shape, Sphere) or has_core(s.shape))]
     if others:
         raise InputError(
-            f"{others[0]} would meet {surface}, but a mesh as it is meets spheres, boxes, hulls and capsules only: use "
-            f"one of these, or let them pass through each other by exclude({others[0]!r}, {surface!r})"
+            f"{others[0]} would meet {surface}, but a mesh as it is meets no ellipsoids: use a ball, capsule or "
+            f"hull, or let them pass through each other by exclude({others[0]!r}, {surface!r})"
         )
 
 
