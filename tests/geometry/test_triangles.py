@@ -331,13 +331,9 @@ def test_wrong_meshes_say_what_is_wrong(call, message):
         call(mbvi.Scene())
 
 
-@pytest.mark.parametrize("kind", ["cylinder", "ellipsoid"])
-def test_cylinders_and_ellipsoids_are_refused_at_a_mesh(kind):
+def test_ellipsoids_are_refused_at_a_mesh():
     scene = mbvi.Scene()
     scene.add_surface(*bumps(0))
-    if kind == "cylinder":
-        scene.add_cylinder(0.1, 0.2, position=(0, 0, 1))
-    else:
-        scene.add_ellipsoid((0.1, 0.2, 0.3), position=(0, 0, 1))
-    with pytest.raises(mbvi.InputError, match=f"{kind} would meet surface, but a mesh as it is meets spheres, boxes"):
+    scene.add_ellipsoid((0.1, 0.2, 0.3), position=(0, 0, 1))
+    with pytest.raises(mbvi.InputError, match="ellipsoid would meet surface, but a mesh as it is meets no ellipsoids"):
         scene.build()
