@@ -2,7 +2,9 @@
 
 `data/states_before_kernels.npz` holds q and v, one after the other, after 100 steps of h = 1e-3 of every run here. It
 was computed by the version without compiled kernels. Talos's shins touch each other in its last steps: at e = 0.5 its
-states are those since every corner of what two overlapping links share is a contact point; before, one of two was.
+states are those since every corner of what two overlapping links share is a contact point; before, one of two was. The
+hopper's shin, a cylinder, turns on the floor where its joints start at limits: its states are those since tilted rims
+stand on their lowest points only, a tenth as far from those of fine steps.
 """
 
 import numpy as np
