@@ -32,7 +32,7 @@ def main(page: str | None = None) -> float:
     scene.add_surface(*surfaces.revolved([(0, -0.5), (0.2, -0.5), (0.25, -0.15)]), name="bucket")
     grains = packing.layers((-0.12, -0.12, 0.15), (0.12, 0.12), packing.uniform(0.008, 0.011), count=GRAINS, seed=4)
     scene.add_spheres(*grains, density=2500.0, name="grains")
-    run = mbvi.simulate(scene.build(), mbvi.StewartTrinkle(), step=2e-3, duration=DURATION, every=5)
+    run = mbvi.simulate(scene.build(), mbvi.StewartTrinkle(), step=2e-3, duration=DURATION, every=10)
     heights = run.q.reshape(len(run.t), -1, 3)[:, :, 2]
     passed = (heights < -0.05).sum(axis=1)
     print(f"half of the grains have passed after {run.t[np.argmax(passed >= GRAINS // 2)]:.2f} s")
