@@ -52,7 +52,8 @@ class Simulator:
     Notes
     -----
     Bodies do not sleep here, so that heaps at rest differ from those of `simulate` by rounding. So do runs of several
-    robots or bodies that `simulate` takes in compiled code: those of at least 10,000 steps.
+    robots or bodies that `simulate` takes in compiled code: of those without a robot only the ones of at least 10,000
+    steps.
     """
 
     def __init__(self, problem: Problem, scheme: Scheme | None = None, *, step: float) -> None:

@@ -504,6 +504,16 @@ def test_only_long_runs_of_several_bodies_take_the_loop(loops):
     assert short.q[:n].tobytes() == long.q[:n].tobytes() and short.v[:n].tobytes() == long.v[:n].tobytes()
 
 
+def test_the_loop_takes_bodies_beside_a_robot_from_the_first_step(loops, monkeypatch):
+    """Its kernel is that of the robot alone, which is compiled for short runs too."""
+    problem, scheme = among_boxes(0.0, 0.0), mbvi.Centered(project_positions=True)
+    run = mbvi.simulate(copied(problem), scheme, step=STEP, duration=0.05, progress=False)
+    assert loops[0].codes[0] > 0
+    other = by_python(monkeypatch, problem, scheme, step=STEP, duration=0.05)
+    np.testing.assert_allclose(run.q, other.q, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(run.v, other.v, rtol=0.0, atol=1e-11)
+
+
 def test_bodies_at_rest_sleep_only_where_the_loop_leaves_steps_to_python(always, tmp_path, loops, monkeypatch):
     """Boxes at rest beside a robot that moves, and a box beside one with more rows than the loop has room for."""
     slept = []

@@ -48,10 +48,9 @@ def has_user_forces(system: System) -> bool:
     return system.loaded or _tables(system) is None
 
 
-def is_one_mechanism(system: System) -> bool:
-    """Return whether a system is one mechanism, on which forces from outside may act."""
-    parts = parts_of(system)
-    return len(parts) == 1 and parts[0].single_mechanism
+def has_mechanism(system: System) -> bool:
+    """Return whether a mechanism is among the parts of a system, whose loop is compiled when it runs alone, too."""
+    return any(part.single_mechanism for part in parts_of(system))
 
 
 def _tables(system: System) -> list[tuple[ControlTable, Part]] | None:
