@@ -150,6 +150,12 @@ def solve_coulomb(rng):
     return G, b, mu, 1e-10, True, rng.random() < 0.5, np.zeros(len(b)), np.zeros(len(b))
 
 
+def solve_softened(rng):
+    G, b, mu = regular(rng)
+    given = mu, 1e-10, True, rng.random() < 0.5, np.zeros(len(b)), np.zeros(len(b))
+    return G, b, np.ascontiguousarray(G + 1e-3 * np.eye(len(b))), b + 1e-3 * rng.normal(size=len(b)), *given
+
+
 def couples_weakly(rng):
     G, _, mu = law(rng)
     return G, mu
@@ -328,6 +334,7 @@ COULOMB_ARGUMENTS = {
         improve_coulomb,
         solve_compliant,
         solve_coulomb,
+        solve_softened,
         couples_weakly,
         independent_rows,
         keep_better,

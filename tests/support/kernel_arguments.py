@@ -16,6 +16,7 @@ from mbvi.geometry.shapes.seams import seams_of
 from mbvi.geometry.shapes.shape_table import ShapeTable
 from mbvi.geometry.shapes.shapes import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Hull, PlacedShape, Sphere
 from support.address_arguments import ADDRESS_ARGUMENTS, results_by_address
+from support.carried_arguments import CARRIED_ARGUMENTS
 from support.closed_form_arguments import CLOSED_FORM_ARGUMENTS
 from support.contact_block_arguments import CONTACT_BLOCK_ARGUMENTS
 from support.control_arguments import CONTROL_ARGUMENTS
@@ -1071,6 +1072,7 @@ ARGUMENTS = {
     **CLOSED_FORM_ARGUMENTS,
     **CONTACT_BLOCK_ARGUMENTS,
     **COULOMB_ARGUMENTS,
+    **CARRIED_ARGUMENTS,
     **SETTLE_ARGUMENTS,
     **SPIN_ARGUMENTS,
     **HELD_ARGUMENTS,

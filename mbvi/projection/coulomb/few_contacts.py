@@ -108,6 +108,30 @@ def solve_compliant(H: Array, b: Array, mu: Array, started: bool, p: Array, case
     find_cases(u, p, mu, scale, case)
 
 
+@kernel("f8(f8[:,::1], f8[::1], f8[:,::1], f8[::1], f8[::1], f8, b1, b1, f8[::1], f8[::1])")
+def solve_softened(
+    G: Array, b: Array, H: Array, c: Array, mu: Array, limit: float, independent: bool, started: bool, start: Array,
+    p: Array,
+) -> float:  # fmt: skip
+    """Write percussions of rigid contacts in the cases of compliant ones; return `coulomb_defect`, which may be large.
+
+    Parameters
+    ----------
+    G, b, mu, limit, independent, started, start, p
+        See `solve_coulomb`.
+    H, c : ndarray, shapes (n, n) and (n,)
+        G and b of compliant contacts.
+    """
+    case = np.empty(len(mu), np.int64)
+    solve_compliant(H, c, mu, started, start, case)
+    if not independent:
+        # percussions that do not change the velocity of rigid contacts are known to the residual over the compliance
+        hold_cases(H, c, mu, case, _POLISHING_STEPS, 1e-3 * _CLOSE, SHIFT, start)
+    for i in range(len(b)):
+        p[i] = start[i]
+    return hold_rigid(G, b, mu, case, independent, 0.1 * limit, p)
+
+
 @kernel("f8(f8[:,::1], f8[::1], f8[::1], f8, b1, b1, f8[::1], f8[::1])")
 def solve_coulomb(
     G: Array, b: Array, mu: Array, limit: float, independent: bool, started: bool, start: Array, p: Array
@@ -131,17 +155,10 @@ def solve_coulomb(
     p : ndarray, shape (n,)
         Receives the percussions.
     """
-    n, m = len(b), len(mu)
-    case, H = np.empty(m, np.int64), G.copy()
+    n, H = len(b), G.copy()
     for i in range(n):
         H[i, i] += COMPLIANCE
-    solve_compliant(H, b, mu, started, start, case)
-    if not independent:
-        # percussions that do not change the velocity of rigid contacts are known to the residual over the compliance
-        hold_cases(H, b, mu, case, _POLISHING_STEPS, 1e-3 * _CLOSE, SHIFT, start)
-    for i in range(n):
-        p[i] = start[i]
-    residual = hold_rigid(G, b, mu, case, independent, 0.1 * limit, p)
+    residual = solve_softened(G, b, H, b, mu, limit, independent, started, start, p)
     if residual > limit:
         residual = improve_coulomb(G, b, mu, independent, residual, limit, start, p)
     return residual

@@ -6,6 +6,7 @@ import numpy as np
 
 from ...compiled import kernel
 from ..metric import Array
+from .carried import diagonal_blocks, list_columns, solve_carried
 from .few_contacts import MOST_CONTACTS, couples_weakly, independent_rows, solve_coulomb
 from .newton import OPEN, STICK, find_cases, resume_newton, tangential_scale
 from .one_contact import closing_order, coulomb_defect, sweep_contacts
@@ -14,6 +15,8 @@ from .quick import MOST_NEWTON, quick_coulomb
 # what is known of the last problem: nothing, its percussions where they were unique, else those of compliant contacts
 NOTHING, UNIQUE, COMPLIANT = 0, 1, 2
 _RESUMED_STEPS = 6
+# fewest contacts among which some may be carried
+FEWEST_WITH_CARRIED = 8
 # most sweeps over more contacts, and their multiplications, about two seconds
 _MOST_SWEEPS, _WORK = 20_000, 2e9
 
@@ -201,6 +204,42 @@ def solve_scaled(G: Array, b: Array, mu: Array, bound: Array, known: int, limit:
 
 
 @kernel(
+    "Tuple((f8, b1))(f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], i8[::1], i8, f8, f8[::1], f8, f8[:,::1], "
+    "f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:,::1])"
+)
+def carried_law(
+    J: Array, A: Array, x: Array, lower: Array, mu: Array, bound: Array, known: int, limit: float, start: Array,
+    cancelled: float, G: Array, scale: Array, b: Array, p: Array, soft: Array, u: Array, w: Array, table: Array,
+) -> tuple[float, bool]:  # fmt: skip
+    """Write what `coulomb_law` does where bodies stick at one contact; see `carried`.
+
+    The other arguments are those of `coulomb_law`, and what it needs.
+
+    Returns
+    -------
+    residual : float
+        As of `coulomb_law`; inf where too few bodies stick, and where other kinds of contacts are among them.
+    unique : bool
+        As of `coulomb_law`.
+    """
+    n, nv = J.shape
+    for a in range(len(mu)):
+        if mu[a] < 0.0 or bound[a] >= 0:
+            return np.inf, False
+    columns, counts, owner = np.empty((len(mu), nv), np.int64), np.empty(len(mu), np.int64), np.empty(nv, np.int64)
+    list_columns(J, A, columns, counts, owner)
+    if not diagonal_blocks(J, A, columns, counts, G, scale):
+        return np.inf, False
+    largest = scale_speeds(table, lower, scale, cancelled, b)
+    for i in range(n):
+        p[i] = soft[i] = start[i] / scale[i // 3]
+    found, unique = solve_carried(J, A, G, scale, b, mu, owner, columns, counts, known == UNIQUE, limit, soft, p)
+    if not found:
+        return np.inf, False
+    return apply_percussions(J, A, x, lower, mu, bound, scale, p, u, w, table) / largest, unique
+
+
+@kernel(
     "Tuple((f8, b1))(f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], i8[::1], i8, f8, f8[::1], f8[::1], f8[:,::1], "
     "i8[::1])"
 )
@@ -253,21 +292,30 @@ def coulomb_law(
         return 0.0, True
     G, scale, tangential, cone = np.empty((n, n)), np.empty(m), np.empty(m), np.empty(m)
     b, p, soft, u = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
-    delassus(J, A, mu, bound, G, scale)
-    largest = scale_speeds(table, lower, scale, cancelled, b)
-    if largest == np.inf:
-        return np.inf, False
-    scale_cones(mu, bound, scale, largest, b, cone)
-    for i in range(n):
-        s = scale[i // 3]
-        p[i] = start[i] / s if known != NOTHING and s > 0.0 else 0.0
-    set_bounds(mu, bound, b, p)
-    for i in range(n):
-        soft[i] = p[i]
-    unique = solve_scaled(G, b, cone, bound, known, limit, soft, p)
-    # the residual shall be that of the percussions which bound others
-    set_bounds(mu, bound, b, p)
-    residual = apply_percussions(J, A, x, lower, cone, bound, scale, p, u, w, table) / largest
+    residual, unique = np.inf, False
+    if known != NOTHING and FEWEST_WITH_CARRIED <= m <= MOST_CONTACTS:
+        residual, unique = carried_law(
+            J, A, x, lower, mu, bound, known, limit, start, cancelled, G, scale, b, p, soft, u, w, table
+        )
+        for a in range(m):
+            cone[a] = mu[a]
+    # written so that a NaN is refused too
+    if not residual <= limit:
+        delassus(J, A, mu, bound, G, scale)
+        largest = scale_speeds(table, lower, scale, cancelled, b)
+        if largest == np.inf:
+            return np.inf, False
+        scale_cones(mu, bound, scale, largest, b, cone)
+        for i in range(n):
+            s = scale[i // 3]
+            p[i] = start[i] / s if known != NOTHING and s > 0.0 else 0.0
+        set_bounds(mu, bound, b, p)
+        for i in range(n):
+            soft[i] = p[i]
+        unique = solve_scaled(G, b, cone, bound, known, limit, soft, p)
+        # the residual shall be that of the percussions which bound others
+        set_bounds(mu, bound, b, p)
+        residual = apply_percussions(J, A, x, lower, cone, bound, scale, p, u, w, table) / largest
     tangential_scale(G, tangential)
     find_cases(u, p, cone, tangential, case)
     for i in range(n):
