@@ -244,7 +244,7 @@ class AdmissibleSet(Rebuilt):
         """
         found = self.cache.contacts(t, q, tolerance, origin, moved)
         rows = concatenate(found) if found else self.empty
-        return Rows(*rows[:7], self.tangents_of(t, q, rows)) if self.frictional else rows
+        return Rows(*rows[:7], self._tangents_with(t, q, rows, found or [rows])) if self.frictional else rows
 
     def rows_of(self, k: int, t: float, q: Array, tolerance: float) -> Rows | None:
         """Return the rows of family number k, one that is queried at every step; see `active`."""
@@ -270,7 +270,12 @@ class AdmissibleSet(Rebuilt):
 
     def tangents_of(self, t: float, q: Array, rows: Rows) -> Tangents:
         """Return the tangents of rows, with axes of rotation where problems have torsional or rolling friction."""
-        tangents = self._plain_tangents(t, q, rows)
+        return self._tangents_with(t, q, rows, [rows])
+
+    def _tangents_with(self, t: float, q: Array, rows: Rows, parts: list[Rows]) -> Tangents:
+        """Return `tangents_of` rows, given also as the parts that they consist of."""
+        plain = [self._plain_tangents(t, q, part) for part in parts]
+        tangents = plain[0] if len(plain) == 1 else concatenate_tangents(plain)
         if self.resistance is None:
             return tangents
         resistance = self.resistance.of(rows.constraint, self.name)

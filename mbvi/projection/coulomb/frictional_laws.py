@@ -235,8 +235,8 @@ class FrictionalLaws:
         self, found: FrictionalProjection | Projection, residual: float, rows: FrictionalRows, lower: Array
     ) -> None:
         """Raise `ProjectionError` if a row sinks too deep; see `Acceptance.check`."""
-        closing = lower - rows.jacobian @ found.velocity
-        about = {"w": found.velocity, "J": rows.jacobian, "lower": lower}
+        after = found.after[::3] if isinstance(found, FrictionalProjection) else rows.jacobian @ found.velocity
+        closing, about = lower - after, {"w": found.velocity, "J": rows.jacobian, "lower": lower}
         self._acceptance.check(found.residual, residual, rows.constraint, closing, lambda: about)
 
     def law(

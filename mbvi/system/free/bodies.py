@@ -148,6 +148,7 @@ class FreeBodies(System):
         self._inverses = np.linalg.inv(self.inertias)
         self._axes, _, self._factors = principal(self.inertias)
         self._room = np.zeros((2, 3))
+        self._lengths = np.tile([True, True, True, False, False, False], n)
         blocks = np.zeros((n, 6, 6))
         blocks[:, :3, :3] = masses[:, None, None] * np.eye(3)
         blocks[:, 3:, 3:] = inertias
@@ -256,7 +257,7 @@ class FreeBodies(System):
         return reach
 
     def are_lengths(self) -> Array:
-        return np.tile([True, True, True, False, False, False], self.independent_bodies)
+        return self._lengths.copy()
 
     def unit_groups(self) -> list[Array]:
         return [7 * np.arange(self.independent_bodies)[:, None] + np.arange(3, 7)]
