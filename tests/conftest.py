@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import settings
 
-from mbvi.compiled import all_kernels
+from mbvi.compiled import compile_all
 
 # where helpers assert, what they compared is shown
 pytest.register_assert_rewrite("support")
@@ -29,11 +29,7 @@ def kernels():
     """Compile before the first test, so that what is said about it does not mix with what a test reads."""
     worker = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0")[2:])
     workers = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
-    # each worker begins with a share of its own, and loads what the others have compiled by then
-    kernels = all_kernels()
-    first = worker * len(kernels) // workers
-    for kernel in (*kernels[first:], *kernels[:first]):
-        kernel.compiled()
+    compile_all(worker, workers)
 
 
 @pytest.fixture(scope="module")

@@ -215,8 +215,11 @@ class Code:
         numba's types of result and arguments; other types are refused.
     stamp : str
         Hash of all that the machine code depends on; code of another stamp is not taken from the cache.
-    before_compiling : callable
-        Called where the cache does not have it.
+    make_callees : callable
+        Called where the cache does not have it: makes the kernels that it calls, and returns whether all are made. Its
+        argument is whether it waits for those that other processes compile.
+    announce : callable
+        Called before it is compiled.
     allocates : bool
         Whether it makes arrays. Otherwise numba counts no references to arrays, which costs as much as a small kernel.
     nogil : bool
@@ -230,13 +233,14 @@ class Code:
         function: Callable[..., Any],
         signature: Any,
         stamp: str,
-        before_compiling: Callable[[], None],
+        make_callees: Callable[[bool], bool],
+        announce: Callable[[], None],
         allocates: bool = True,
         nogil: bool = False,
         apart: bool = False,
     ) -> None:
         self._function, self._signature, self._stamp = function, signature, stamp
-        self._before_compiling, self._nogil, self._apart = before_compiling, nogil, apart
+        self._make_callees, self._announce, self._nogil, self._apart = make_callees, announce, nogil, apart
         # no C functions: nothing takes the kernels' addresses
         self._options = {"error_model": "numpy", "no_cfunc_wrapper": True, "_nrt": allocates}
         name = f"{Path(function.__code__.co_filename).stem}.{function.__name__}"
@@ -244,23 +248,25 @@ class Code:
         self._name, self._carried = f"{name}-{key}", f"{made_by()}/{name}-{stamp[:20]}"
         self._callee: Any = None
 
-    def callee(self) -> Any:
-        """Return numba's function that kernels call."""
+    def callee(self, wait: bool = True) -> Any:
+        """Return what kernels call; None if another process compiles it, and this one is not to wait for that."""
         if self._callee is None:
             cache = _CheckedCache(self._function, self._stamp, f"{self._name}.function", False)
             number = int(self._stamp[:12], 16) if self._apart else None
-            self._callee = self._made(function_dispatcher(self._function, self._options, cache, number))
+            made = function_dispatcher(self._function, self._options, cache, number)
+            self._callee = self._made(made, self._make_callees, wait)
         return self._callee
 
-    def entry(self) -> Any:
-        """Return numba's function that Python calls."""
+    def entry(self, wait: bool = True) -> Any:
+        """Return numba's function that Python calls; None as for `callee`."""
         if getattr(config, "DISABLE_JIT"):  # noqa: B009
             # there is nothing to compile
-            self._before_compiling()
+            self._make_callees(wait)
             return self._function
         cache = _CheckedCache(self._function, self._stamp, self._name, True, _CARRIED / self._carried)
         how = self.callee, self._nogil, self._apart
-        return self._made(entry_dispatcher(self._function, self._options, cache, *how))
+        made = entry_dispatcher(self._function, self._options, cache, *how)
+        return self._made(made, lambda wait: self.callee(wait) is not None, wait)
 
     def carry(self, folder: Path) -> None:
         """Write machine code for calls from Python, which is in the user's cache, to the folder of a wheel."""
@@ -271,14 +277,19 @@ class Code:
         file.parent.mkdir(parents=True, exist_ok=True)
         entry._cache._cache_file.write(str(file), kept)
 
-    def _made(self, dispatcher: Any) -> Any:
+    def _made(self, dispatcher: Any, make_parts: Callable[[bool], bool], wait: bool) -> Any:
+        """Return a dispatcher that is loaded or compiled, after its parts: a process has the lock of one at a time."""
         if self._found(dispatcher):
             return dispatcher
-        with one_process(cache_folder(), dispatcher._cache._cache_file._index_name):
+        if not make_parts(wait):
+            return None
+        with one_process(cache_folder(), dispatcher._cache._cache_file._index_name, wait) as alone:
+            if not alone:
+                return None
             # another process may have compiled it meanwhile
             if not self._found(dispatcher):
                 with interrupts_later(), _without_garbage_collection():
-                    self._before_compiling()
+                    self._announce()
                     dispatcher._cache.compiles = True
                     compile_now(dispatcher, self._signature)
         return dispatcher

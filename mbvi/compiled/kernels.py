@@ -75,19 +75,23 @@ class Kernel:
         """Pickle and copy a kernel as a function: by its name."""
         return self.__name__
 
-    def compiled(self) -> Any:
-        """Return numba's function that Python calls; compile it, or read it from the cache, if needed."""
+    def compiled(self, wait: bool = True) -> Any:
+        """Return numba's function that Python calls; compile it, or read it from the cache, if needed.
+
+        It is None if another process compiles a part of it, and this one is not to wait for that.
+        """
         with _LOCK:
             if self._compiled is None:
-                for other in self._apart_callees():
-                    other.compiled()
-                self._compiled = self._compilable().entry()
-                setattr(type(self), "__call__", staticmethod(self._compiled))  # noqa: B010
+                if not _all_made([other.compiled for other in self._apart_callees()], wait):
+                    return None
+                self._compiled = self._compilable().entry(wait)
+                if self._compiled is not None:
+                    setattr(type(self), "__call__", staticmethod(self._compiled))  # noqa: B010
         return self._compiled
 
-    def callee(self) -> Any:
-        """Return numba's function that other kernels call."""
-        return self._compilable().callee()
+    def callee(self, wait: bool = True) -> Any:
+        """Return numba's function that other kernels call; None as for `compiled`."""
+        return self._compilable().callee(wait)
 
     def carry(self, folder: Path) -> None:
         """Write the machine code for calls from Python to the folder of a wheel, `mbvi/compiled/machine_code` there.
@@ -182,13 +186,15 @@ class Kernel:
 
         calls = {name: namespace[name] for name in _names(loops.__code__) if _is_address_call(namespace.get(name))}
 
-        def before_compiling() -> None:
-            _announce(self.__name__)
-            namespace.update({name: other.callee() for name, other in {**others, **calls}.items()})
+        def make_callees(wait: bool) -> bool:
+            made = _all_made([other.callee for other in others.values()], wait)
+            if made:
+                namespace.update({name: other.callee() for name, other in {**others, **calls}.items()})
+            return made
 
         signature = signature_of(self.signature, self._records())
         options = self._allocates(), self.nogil, self.apart
-        return Code(loops, signature, self.stamp().hex(), before_compiling, *options)
+        return Code(loops, signature, self.stamp().hex(), make_callees, lambda: _announce(self.__name__), *options)
 
 
 def kernel(signature: str, nogil: bool = False, apart: bool = False) -> Callable[[Function], Function]:
@@ -266,15 +272,29 @@ def all_kernels() -> list[Kernel]:
     return KERNELS
 
 
-def compile_all() -> None:
-    """Compile every kernel now, so that compiling is no part of a measurement that follows."""
-    for item in all_kernels():
-        item.compiled()
+def compile_all(process: int = 0, processes: int = 1) -> None:
+    """Compile every kernel now, so that compiling is no part of a measurement that follows.
+
+    Of several processes each begins with its share, and loads what the others have compiled by then.
+    """
+    kernels = all_kernels()
+    first = process * len(kernels) // processes
+    _all_made([item.compiled for item in (*kernels[first:], *kernels[:first])], True)
 
 
 def seconds_compiling(thread: int | None = None) -> Seconds:
     """Return the time that a thread, by default this one, has spent on compiling and loading kernels [s]."""
     return _seconds.get(threading.get_ident() if thread is None else thread, Seconds())
+
+
+def _all_made(makers: list[Callable[[bool], Any]], wait: bool) -> bool:
+    """Make parts of a kernel, or kernels, and return whether all are made; what other processes compile comes last."""
+    left = [make for make in makers if make(False) is None]
+    if not wait:
+        return not left
+    for make in left:
+        make(True)
+    return True
 
 
 _WORD = re.compile(r"[A-Za-z_]\w*")

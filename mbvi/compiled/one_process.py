@@ -28,18 +28,23 @@ _said = False
 
 
 @contextmanager
-def one_process(folder: Path, name: str) -> Iterator[None]:
+def one_process(folder: Path, name: str, wait: bool = True) -> Iterator[bool]:
     """Wait until no other process is in such a block with the same folder and name, and keep them out until the end.
 
     A process that ends, in whatever way, keeps nobody out. Where the folder cannot be written to, nobody waits.
+
+    Yields
+    ------
+    bool
+        Whether no other process is in such a block, as far as that is known; always, where this one waits for it.
     """
     with _threads:
         file = _lock_file(folder)
         # a byte of the file for each name
         place = int(sha256(name.encode()).hexdigest()[:12], 16)
-        locked = file is not None and _locked(file, place)
+        locked = None if file is None else _locked(file, place, wait)
         try:
-            yield
+            yield locked is not False
         finally:
             if file is not None and locked:
                 fcntl.lockf(file, fcntl.LOCK_UN, 1, place)
@@ -58,18 +63,19 @@ def _lock_file(folder: Path) -> int | None:
     return _files[folder]
 
 
-def _locked(file: int, place: int) -> bool:
-    """Wait for a lock; return whether this process holds it then."""
+def _locked(file: int, place: int, wait: bool) -> bool | None:
+    """Take a lock; return whether this process has it, False if another one has, None if the file system has none."""
     global _said
     while True:
         try:
             fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, place)
             return True
         except (BlockingIOError, PermissionError):
+            if not wait:
+                return False
             if not _said:
                 _logger.warning("another process compiles kernels: waiting for it ...")
             _said = True
             time.sleep(_POLL)
         except OSError:
-            # a file system without locks
-            return False
+            return None

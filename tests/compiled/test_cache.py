@@ -282,6 +282,51 @@ def test_a_process_that_is_killed_keeps_nobody_out(tmp_path):
             third.kill()
 
 
+THREE = """
+from mbvi.compiled import kernel
+
+@kernel("f8(f8)")
+def first(x):
+    return x + 1.0
+
+@kernel("f8(f8)")
+def second(x):
+    return 2.0 * x
+
+@kernel("f8(f8)")
+def both(x):
+    return first(x) + second(x)
+"""
+SLOWLY = """
+import sys
+import mbvi.compiled.kernels as kernels
+called, held = sys.argv[1:]
+def announce(name):
+    print(name, flush=True)
+    if name == held:
+        sys.stdin.read()
+kernels._announce = announce
+import three
+print(getattr(three, called)(0.0), flush=True)
+"""
+
+
+@pytest.mark.parametrize(("held", "left"), [("first", "second"), ("second", "first")])
+def test_what_another_process_compiles_is_waited_for_last(tmp_path, held, left):
+    """And compiled where that process is killed. One of both is asked for before the other one."""
+    (tmp_path / "three.py").write_text(THREE)
+    folders = {"PYTHONPATH": str(tmp_path), "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONHASHSEED": "0"}
+    command, options = [sys.executable, "-c", SLOWLY], {"stdin": subprocess.PIPE, "env": os.environ | folders}
+    with started([*command, held, held], **options) as holder:
+        assert holder.stdout.readline() == f"{held}\n"
+        with started([*command, "both", "none"], **options) as other:
+            assert select.select([other.stdout], [], [], LIMIT)[0]
+            assert other.stdout.readline() == f"{left}\n"
+            assert not select.select([other.stdout], [], [], 0.3)[0]
+            holder.kill()
+            assert other.stdout.read().split() == [held, "both", "both", "1.0"]
+
+
 KERNEL = """
 def total(values):
     found = 0.0
@@ -300,7 +345,7 @@ def small_kernel(folder, stamp="the stamp"):
     spec = importlib.util.spec_from_file_location(f"small_{next(_NUMBERS)}", file)
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    compiled = mbvi.compiled.cache.Code(module.total, "f8(f8[::1])", stamp, lambda: None).entry()
+    compiled = mbvi.compiled.cache.Code(module.total, "f8(f8[::1])", stamp, lambda wait: True, lambda: None).entry()
     return compiled, not sum(compiled.stats.cache_hits.values())
 
 
