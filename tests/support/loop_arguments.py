@@ -464,6 +464,11 @@ def _near(seed):
     return s.mechanism, s.constraints.shapes, s.constraints.near
 
 
+def is_beyond(rng, seed):
+    _, shapes, near = _near(seed)
+    return shapes, near, int(rng.integers(len(near.bound))), float(rng.choice([0.0, 0.1, 1.0]))
+
+
 def clearance_of(rng, seed):
     s, *_ = _call("may_pass", PAOLI, quadruped, RIGID, 40 + seed)
     return s.constraints, int(rng.integers(len(s.constraints.pairs.clearance)))
@@ -479,11 +484,7 @@ LOOP_ARGUMENTS = {
     "rows_by_callback": rows_by_callback,
     "place_bodies": lambda rng, seed: _near(seed)[::2],
     "distance_of": lambda rng, seed: (*_near(seed)[1:], int(rng.integers(2)), float(rng.choice([0.0, 1.0]))),
-    "is_beyond": lambda rng, seed: (
-        *_near(seed)[1:],
-        int(rng.integers(len(_near(seed)[2].bound))),
-        float(rng.choice([0.0, 0.1, 1.0])),
-    ),
+    "is_beyond": is_beyond,
     "write_gradients": write_gradients,
     "displacement_of_groups": displacement_of_groups,
     "independent_groups": independent_groups,
