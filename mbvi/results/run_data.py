@@ -52,6 +52,9 @@ class Impact:
         "stick", "slip", or "open" without a percussion; where mu = 0 it is "slip".
     e_used : ndarray, shape (k,), or None
         Restitution that the law was applied with.
+    angular : ndarray, shape (k, 3), or None
+        Percussions of torsional and rolling friction on the body that the normal points to, in the world [N m s]; None
+        in problems without.
     """
 
     time: float
@@ -67,6 +70,7 @@ class Impact:
     slip_after: Array | None = None
     regime: tuple[str, ...] | None = None
     e_used: Array | None = None
+    angular: Array | None = None
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from ..errors import InputError
 from .contact_forces import recorded_contacts
 from .coordinates import coordinates
 from .diagnosis.energies import energies_of_run
-from .files.columns import CONTACT_FRICTION, CONTACT_RESISTANCE, CONTACTS, IMPACT_FRICTION, IMPACTS, STATES, Column
+from .files.columns import CONTACT_FRICTION, CONTACTS, IMPACT_FRICTION, IMPACTS, RESISTANCE, STATES, Column
 from .files.writing import contact_rows, impact_rows
 from .run_data import Array, RunData
 
@@ -84,17 +84,21 @@ def _of_states(run: RunData) -> dict[str, tuple[Array, str, str]]:
 
 
 def _impacts(run: RunData) -> tuple[dict[str, Column], dict[str, Any]]:
-    friction = any(impact.regime is not None for impact in run.impacts)
-    columns = IMPACTS | (IMPACT_FRICTION if friction else {})
+    more: dict[str, Column] = {}
+    if any(impact.regime is not None for impact in run.impacts):
+        more |= IMPACT_FRICTION
+    if any(impact.angular is not None for impact in run.impacts):
+        more |= RESISTANCE
+    columns = IMPACTS | more
     if not run.impacts:
         return columns, {name: _none(column) for name, column in columns.items()}
-    rows = impact_rows(run.impacts, 0, friction)
+    rows = impact_rows(run.impacts, 0, more)
     return columns, {name: _array(rows[name], column) for name, column in columns.items()}
 
 
 def _contacts(run: RunData) -> tuple[dict[str, Column], dict[str, Any]]:
     found = recorded_contacts(run)
-    columns, rows = CONTACTS | CONTACT_FRICTION | CONTACT_RESISTANCE, contact_rows(found, 0)
+    columns, rows = CONTACTS | CONTACT_FRICTION | RESISTANCE, contact_rows(found, 0)
     rows = {name: _array(values, columns[name]) for name, values in rows.items()}
     time = {"time": run.t[rows["interval"]]}
     return columns | {"time": Column("s", "end of the interval")}, time | rows

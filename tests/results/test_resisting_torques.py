@@ -95,6 +95,7 @@ def test_without_it_there_is_no_torque():
     run = run_of(balls((0.4, 0.0, 0.0)))
     assert not np.array([contact.torque for contact in run.contacts(0.05)]).any()
     assert "angular/x" not in table(run, "contacts") and run.record.contacts.angular is None
+    assert "angular/x" not in table(run, "impacts") and all(impact.angular is None for impact in run.impacts)
     smooth = mbvi.Scene()
     smooth.add_halfspace((0, 0, 1), name="floor")
     smooth.add_sphere(R, M, position=(0, 0, R), name="ball")
@@ -109,6 +110,30 @@ def test_the_simulator_and_controls_have_the_same_torques():
         for one, other in zip(sim.contacts, run.contacts(sim.t), strict=True):
             np.testing.assert_allclose(one.torque, other.torque, rtol=1e-12)
     assert all(contact.torque.any() for contact in sim.contacts)
+
+
+def spinning(scheme, e=0.0):
+    """A ball that falls on a floor, and spins, rolls and slides when it lands."""
+    scene = mbvi.Scene(gravity=(0, 0, 0), friction=(0.4, TORSION, ROLLING), restitution=e)
+    scene.add_halfspace((0, 0, 1), name="floor")
+    scene.add_sphere(R, M, position=(0, 0, R + 0.0205), name="ball")
+    problem = scene.build()
+    return run_of(problem.at(problem.q0, [0.5, 0.1, -2, 3.0, 10.0, 30.0]), scheme, duration=0.03)
+
+
+@pytest.mark.parametrize("e", [0.0, 0.5])
+@pytest.mark.parametrize("scheme", SCHEMES, ids=str)
+def test_the_angular_percussion_of_an_impact_is_the_change_of_spin(scheme, e):
+    """Without gravity the only change of angular momentum in its step is that of the impact, about the centre."""
+    run = spinning(scheme, e)
+    (impact,) = run.impacts
+    k = np.searchsorted(run.t, impact.time - 1e-9)
+    change = INERTIA * (turning(run, 0, k) - turning(run, 0, k - 1))
+    arm = np.cross([0, 0, -R], impact.percussion[0] * impact.normal[0] + impact.tangential[0])
+    np.testing.assert_allclose(impact.angular[0] + arm, change, rtol=0, atol=1e-12)
+    about, across = impact.angular[0, 2], np.linalg.norm(impact.angular[0, :2])
+    np.testing.assert_allclose(about, -TORSION * impact.percussion[0], rtol=1e-9)
+    np.testing.assert_allclose(across, ROLLING * impact.percussion[0], rtol=1e-9)
 
 
 def test_the_torque_of_an_impact_is_infinite_where_there_is_one():
@@ -134,13 +159,22 @@ def test_files_keep_them_to_the_bit(streamed, tmp_path):
     np.testing.assert_array_equal(back.contact_forces("a"), run.contact_forces("a"))
     np.testing.assert_array_equal(back.contacts(0.05)[0].torque, run.contacts(0.05)[0].torque)
     assert table(back, "contacts")["angular/z"].unit == "N m s"
+    assert len(run.impacts) > 1 and run.impacts[0].angular.any()
+    for one, other in zip(back.impacts, run.impacts, strict=True):
+        np.testing.assert_array_equal(one.angular, other.angular)
+    for name in ("impacts", "contacts"):
+        np.testing.assert_array_equal(table(back, name)["angular/z"].values, table(run, name)["angular/z"].values)
 
 
 def test_files_of_earlier_versions_load_with_a_note(tmp_path):
     run, path = run_of(balls()), tmp_path / "run.h5"
-    earlier = replace(run, record=replace(run.record, contacts=replace(run.record.contacts, angular=None)))
-    earlier.save(path)
-    back = mbvi.load(path)
-    assert any("no torques of torsional and rolling friction" in note for note in back.notes)
+    record = replace(run.record, contacts=replace(run.record.contacts, angular=None))
+    without = tuple(replace(impact, angular=None) for impact in run.impacts)
+    for earlier in (replace(run, record=record), replace(run, impacts=without)):
+        earlier.save(path)
+        back = mbvi.load(path)
+        assert any("torques of torsional and rolling friction are missing" in note for note in back.notes)
+        back.save(tmp_path / "again.h5")
     np.testing.assert_array_equal(back.record.contacts.tangential, run.record.contacts.tangential)
-    assert not any("no torques" in note for note in run.notes)
+    assert back.impacts[0].angular is None
+    assert not any("torques" in note for note in run.notes)

@@ -92,8 +92,8 @@ CONTACT_FRICTION = {
     "slip": Column("m/s", "mean tangential velocity after the steps, weighted by their percussions", (3,)),
     "regime": REGIME,
 }
-# of runs with torsional or rolling friction
-CONTACT_RESISTANCE = {
+# of impacts and contacts of runs with torsional or rolling friction
+RESISTANCE = {
     "angular": Column("N m s", "percussion of torsional and rolling friction, on the same body", (3,)),
 }
 # where each table of columns lies in the file; contacts in files of runs that recorded them

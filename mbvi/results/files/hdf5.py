@@ -87,7 +87,8 @@ class Writer:
             # the notes tell why the scheme was chosen: also the file of a killed run holds them
             metadata = _metadata(problem, scheme, scheme.name, h, recorder.timing, recorder.notes)
             sizes = _sizes(problem.system.nq, problem.system.nv, recorder.dense)
-            friction, resistance = problem.constraints.frictional, problem.constraints.resistance is not None
+            friction = problem.constraints.frictional
+            resistance = () if problem.constraints.resistance is None else ("impacts", "contacts")
             recorded = recorder.contacts is not None
             self._file = RunFile(path, metadata, sizes, contacts=recorded, friction=friction, resistance=resistance)
             self._next = 0.0
@@ -150,8 +151,7 @@ def save(run: RunData, path: str | os.PathLike[str]) -> None:
     try:
         sizes = _sizes(run.q.shape[1], run.v.shape[1], record.dense)
         given, friction = record.contacts is not None, _frictional(run)
-        resistance = record.contacts is not None and record.contacts.angular is not None
-        with RunFile(path, metadata, sizes, contacts=given, friction=friction, resistance=resistance) as file:
+        with RunFile(path, metadata, sizes, contacts=given, friction=friction, resistance=_resisting(run)) as file:
             file.append(recorded, run.impacts, record.dense, run.notes, record.contacts)
             if record.dense is not None:
                 recorded["dense"] = record.dense
@@ -167,6 +167,17 @@ def _frictional(run: RunData) -> bool:
         return run.problem.constraints.frictional
     contacts = run.record.contacts
     return any(i.regime is not None for i in run.impacts) or (contacts is not None and contacts.sticks is not None)
+
+
+def _resisting(run: RunData) -> list[str]:
+    """Return which of impacts and contacts have torques of torsional and rolling friction."""
+    contacts = run.record.contacts
+    if run.impacts:
+        found = {"impacts": run.impacts[0].angular is not None}
+    else:
+        found = {"impacts": run.problem is not None and run.problem.constraints.resistance is not None}
+    found["contacts"] = contacts is not None and contacts.angular is not None
+    return [name for name, there in found.items() if there]
 
 
 def _metadata(

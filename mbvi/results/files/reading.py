@@ -26,11 +26,11 @@ from ..trajectory import Trajectory
 from .checks import check_contacts, check_impacts, check_problem, check_states
 from .columns import (
     CONTACT_FRICTION,
-    CONTACT_RESISTANCE,
     CONTACTS,
     DENSE,
     IMPACT_FRICTION,
     IMPACTS,
+    RESISTANCE,
     STATES,
     Column,
     Sums,
@@ -46,7 +46,7 @@ _FUNCTIONS = "the problem or its system was given by functions, which a file can
 
 # a column that earlier files do not have, and what is noted of them
 _LIMITS = "limit_violation"
-_NO_TORQUES = "the file was written by an earlier version: contacts have no torques of torsional and rolling friction"
+_NO_TORQUES = "the file was written by an earlier version: torques of torsional and rolling friction are missing"
 _TOGETHER = "the file was written by an earlier version: penetration() holds violations of joint limits, too [m or rad]"
 
 
@@ -115,9 +115,7 @@ def _read(path: str) -> tuple[Trajectory, ProblemData | None]:
         dense = read_column(file, "dense", DENSE, sizes) if "dense" in file else None
         contacts = None
         if "contacts" in file:
-            # files of earlier versions have no torques
-            more = {name: column for name, column in CONTACT_RESISTANCE.items() if name in file["contacts"]}
-            contacts = _table(file["contacts"], CONTACTS, CONTACT_FRICTION | more)
+            contacts = _table(file["contacts"], CONTACTS, CONTACT_FRICTION)
         found = Sums()
         for table, columns in (("", states), ("impacts/", impacts), ("contacts/", contacts or {})):
             for name, values in columns.items():
@@ -133,7 +131,7 @@ def _read(path: str) -> tuple[Trajectory, ProblemData | None]:
         if problem is None or problem.constraints.limits:
             notes = _noted(notes, _TOGETHER)
     resists = problem is not None and problem.constraints.resistance is not None
-    if contacts is not None and resists and "angular" not in contacts:
+    if resists and ("angular" not in impacts or (contacts is not None and "angular" not in contacts)):
         notes = _noted(notes, _NO_TORQUES)
     scheme = _scheme(metadata)
     check_states(states, dense, metadata, problem)
@@ -169,7 +167,9 @@ def _read(path: str) -> tuple[Trajectory, ProblemData | None]:
 
 def _table(group: h5py.Group, columns: dict[str, Column], friction: dict[str, Column]) -> dict[str, Array]:
     """Return the columns of impacts or contacts, with those of friction if the file has them."""
-    known = columns | friction if "regime" in group else columns
+    # files of earlier versions have no torques
+    more = friction | {name: column for name, column in RESISTANCE.items() if name in group}
+    known = columns | more if "regime" in group else columns
     return {name: read_column(group, name, column, {}) for name, column in known.items()}
 
 
@@ -274,7 +274,7 @@ def _impacts(columns: dict[str, Array]) -> tuple[Impact, ...]:
         if "regime" in columns:
             more: dict[str, Any] = {name: columns[name][rows] for name in IMPACT_FRICTION}
             more["regime"] = tuple(word.decode() for word in more["regime"].tolist())
-            impact = replace(impact, **more)
+            impact = replace(impact, angular=columns["angular"][rows] if "angular" in columns else None, **more)
         impacts.append(impact)
     return tuple(impacts)
 

@@ -6,7 +6,7 @@ import atexit
 import os
 import threading
 import weakref
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
@@ -20,13 +20,12 @@ from ...errors import TrajectoryFileError
 from .checked_file import CheckedFile, reason, uninterrupted
 from .columns import (
     CONTACT_FRICTION,
-    CONTACT_RESISTANCE,
     CONTACTS,
     DENSE,
     FRICTION,
-    IMPACT_FRICTION,
     IMPACTS,
     RECORDED,
+    RESISTANCE,
     STATES,
     TABLES,
     Array,
@@ -87,10 +86,15 @@ class RunFile:
         *,
         contacts: bool = False,
         friction: bool = False,
-        resistance: bool = False,
+        resistance: Collection[str] = (),
     ) -> None:
         self.path = os.fspath(path)
-        self._metadata, self._friction = metadata, friction
+        self._metadata = metadata
+        more = {
+            name: (columns if friction else {}) | (RESISTANCE if name in resistance else {})
+            for name, columns in FRICTION.items()
+        }
+        self._of_impacts = more["impacts"]
         self._problem = "" if metadata.problem is None else metadata.problem.digest()
         self.states = self.impacts = self._kept = 0
         self._sums = Sums()
@@ -102,10 +106,7 @@ class RunFile:
                 self._file = h5py.File(self._disk, "w", libver=("v108", "v108"))
                 metadata.write(self._file)
                 for name, columns in (TABLES | (RECORDED if contacts else {})).items():
-                    more = FRICTION.get(name, {}) if friction else {}
-                    if resistance and name == "contacts":
-                        more = more | CONTACT_RESISTANCE
-                    self._create(self._file.require_group(name), {**columns, **more}, sizes)
+                    self._create(self._file.require_group(name), {**columns, **more.get(name, {})}, sizes)
                 if "degree" in sizes:
                     self._create(self._file, {"dense": DENSE}, sizes)
                 self._commit()
@@ -150,11 +151,11 @@ class RunFile:
                 if between is not None and len(between):
                     append_rows(self._file, {"dense": DENSE}, {"dense": between}, self._sums)
                 if now:
-                    rows = impact_rows(now, self.impacts, self._friction)
-                    append_rows(self._file["impacts"], IMPACTS | IMPACT_FRICTION, rows, self._sums)
+                    rows = impact_rows(now, self.impacts, self._of_impacts)
+                    append_rows(self._file["impacts"], IMPACTS | self._of_impacts, rows, self._sums)
                 if contacts is not None:
                     rows = contact_rows(contacts.part(start, stop), self.states)
-                    columns = CONTACTS | CONTACT_FRICTION | CONTACT_RESISTANCE
+                    columns = CONTACTS | CONTACT_FRICTION | RESISTANCE
                     append_rows(self._file["contacts"], columns, rows, self._sums)
                 self.states += stop - start
                 self.impacts += len(now)
@@ -236,8 +237,8 @@ class RunFile:
 
     def _compare(self, recorded: Mapping[str, Array], impacts: Sequence[Impact], contacts: ContactTable | None) -> None:
         """Read the file as `load` does and compare it with what was recorded."""
-        rows = impact_rows(impacts, 0, self._friction) if impacts else {}
-        columns = IMPACTS | IMPACT_FRICTION
+        rows = impact_rows(impacts, 0, self._of_impacts) if impacts else {}
+        columns = IMPACTS | self._of_impacts
         rows = {name: as_kept(values, columns[name]) for name, values in rows.items()}
         with opened(self.path, locked=True) as file:
             tables = [(file, recorded), (file["impacts"], rows)]
@@ -258,8 +259,8 @@ def _close_all() -> None:
         file.close()
 
 
-def impact_rows(impacts: Sequence[Impact], first: int, friction: bool = False) -> dict[str, Any]:
-    """Return the columns of impacts, numbered from `first`."""
+def impact_rows(impacts: Sequence[Impact], first: int, more: Collection[str] = ()) -> dict[str, Any]:
+    """Return the columns of impacts, numbered from `first`; `more` names those of friction."""
     counts = [len(i.constraints) for i in impacts]
     rows = {
         "instant": np.repeat(np.arange(first, first + len(impacts)), counts),
@@ -271,9 +272,7 @@ def impact_rows(impacts: Sequence[Impact], first: int, friction: bool = False) -
             for name in ("percussion", "before", "after", "point", "normal")
         },
     }
-    if friction:
-        rows |= {name: [x for i in impacts for x in getattr(i, name)] for name in IMPACT_FRICTION}
-    return rows
+    return rows | {name: [x for i in impacts for x in getattr(i, name)] for name in more}
 
 
 def contact_rows(table: ContactTable, first: int) -> dict[str, Any]:

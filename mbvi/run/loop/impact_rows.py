@@ -118,11 +118,11 @@ def linked(jacobian: Array | csr_array, chosen: Array, seeds: Array, parts: Arra
 
 def friction_of_impact(
     step: Step, chosen: Array
-) -> tuple[Array, Array, Array, tuple[str, ...], Array] | tuple[None, None, None, None, None]:
-    """Return the last five attributes of an `Impact` on the chosen rows of a step."""
+) -> tuple[Array, Array, Array, tuple[str, ...], Array, Array | None] | tuple[()]:
+    """Return the last six attributes of an `Impact` on the chosen rows of a step; none without friction."""
     found = friction_of(step)
     if found is None:
-        return None, None, None, None, None
-    tangential, before, after, sticks, _ = found.take(chosen)
+        return ()
+    tangential, before, after, sticks, angular = found.take(chosen)
     regimes = map(regime, sticks.tolist(), step.percussion[chosen].tolist())
-    return tangential, before, after, tuple(regimes), step.active.restitution[chosen]
+    return tangential, before, after, tuple(regimes), step.active.restitution[chosen], angular

@@ -191,10 +191,10 @@ def run_event_driven(
 
 
 def _of_impact(friction: ContactFriction, percussion: Array, e: Array | None, taking_part: Array) -> tuple[Any, ...]:
-    """Return the last five fields of an `Impact`."""
-    tangential, before, after, sticks, _ = friction.take(taking_part)
+    """Return the last six fields of an `Impact`."""
+    tangential, before, after, sticks, angular = friction.take(taking_part)
     regimes = tuple(map(regime, sticks.tolist(), percussion[taking_part].tolist()))
-    return tangential, before, after, regimes, None if e is None else e[taking_part]
+    return tangential, before, after, regimes, None if e is None else e[taking_part], angular
 
 
 def _fallback_notes(fallbacks: int, undetermined: int) -> list[str]:
