@@ -41,7 +41,7 @@ from .pairs.passing import passing_robots
 from .pairs.rules import PairRules, friction_coefficients
 from .plane import checked_plane
 from .reductions import DEFAULT_REDUCTIONS, checked_reductions
-from .urdf.checks import check_mass_matrix
+from .urdf.checks import check_mass_matrix, check_masses
 from .urdf.joint_friction import stated_friction, with_joint_friction
 from .urdf.mimic import on_their_own, unfollowed
 from .urdf.robot import load_robot, robot_name
@@ -181,6 +181,7 @@ class Scene(Walls, Grains, MjcfModels, PairRules, Actions, Connections):
         q0, v0 = initial_state(robot, base, place, turn, placed, moving, locked=still)
         set_base_velocity(q0, v0, base, vector(base_velocity, "base_velocity", 6))
         still = checked_locked(robot, base, q0, v0, still)
+        check_masses(robot.model, {shape.body for shape in robot.shapes}, still, file)
         check_mass_matrix(robot.model, q0, still, file)
         robot, friction = with_joint_friction(robot, joint_friction, stated_friction(robot.model))
         self._items.robots.append(

@@ -238,7 +238,10 @@ NO_INERTIA = URDF[URDF.index('<inertial><origin xyz="0 0 -0.25"/>') :].split("</
 BAD_URDFS = {
     "no XML": (lambda text: text[:-20], "is no XML"),
     "another root": (lambda text: "<sdf/>", "is SDF, for which Pinocchio's wheels have no parser"),
-    "no inertia": (lambda text: text.replace(NO_INERTIA, ""), "'lower' moves with joint 'elbow' but has no mass"),
+    "no inertia": (
+        lambda text: text.replace(NO_INERTIA, ""),
+        r"'lower' moves with joint 'elbow' but has no mass.* locked=\['elbow'\]",
+    ),
     "a joint that turns no inertia": (
         lambda text: text.replace(
             NO_INERTIA,
@@ -268,6 +271,22 @@ BAD_URDFS = {
 def test_bad_urdfs(change, message, tmp_path):
     with pytest.raises(mbvi.UrdfError, match=message):
         mbvi.Scene().add_urdf(urdf(tmp_path, change=change), base="fixed")
+
+
+def test_a_link_without_mass_behind_a_locked_joint_is_part_of_the_link_before(tmp_path):
+    def mass_of(change, **more):
+        scene = mbvi.Scene()
+        scene.add_urdf(urdf(tmp_path, change=change), base="fixed", joints={"shoulder": 0.3}, **more)
+        system = scene.build().system
+        return system.metric(scene.build().q0).apply(np.eye(system.nv))
+
+    def fixed(text):
+        head, joint, tail = text.partition('<joint name="elbow" type="')
+        return (head + joint + "fixed" + tail[tail.index('"') :]).replace(NO_INERTIA, "")
+
+    found = mass_of(lambda text: text.replace(NO_INERTIA, ""), locked=["elbow"])
+    np.testing.assert_allclose(found, mass_of(fixed), rtol=1e-14)
+    assert found.shape == (1, 1)
 
 
 def test_missing_urdf():

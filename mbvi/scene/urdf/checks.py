@@ -6,7 +6,7 @@ import os
 import re
 import xml.etree.ElementTree as ElementTree
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -216,14 +216,25 @@ def mesh_path(name: str, file: Path, folders: Sequence[str]) -> Path | None:
     return next((c for c in candidates if c.is_file()), None)
 
 
-def check_masses(model: pin.Model, geometry: pin.GeometryModel, file: Path) -> None:
-    """Refuse a moving body without inertia: one that carries a shape, or that nothing heavy hangs on."""
-    shaped = {int(g.parentJoint) for g in geometry.geometryObjects}
+def check_masses(model: pin.Model, shaped: Collection[int], locked: Collection[str], file: Path) -> None:
+    """Refuse a moving body without inertia: one that carries a shape, or that nothing heavy hangs on.
+
+    `shaped` has the joints whose links carry shapes. A link behind a locked joint is part of the link before.
+    """
+    mass = np.array([inertia.mass for inertia in model.inertias])
+    part_of = list(range(model.njoints))
     for joint in range(1, model.njoints):
-        hanging = sum(model.inertias[k].mass for k in model.subtrees[joint])
-        if model.inertias[joint].mass > 0.0 or (hanging > 0.0 and joint not in shaped):
-            continue
+        if model.names[joint] in locked:
+            part_of[joint] = part_of[model.parents[joint]]
+    own, carriers = np.bincount(part_of, mass), {part_of[joint] for joint in shaped}
+
+    def lacks_mass(joint: int) -> bool:
+        hanging = mass[list(model.subtrees[joint])].sum()
+        return part_of[joint] == joint and own[joint] <= 0.0 and (hanging <= 0.0 or joint in carriers)
+
+    found = [joint for joint in range(1, model.njoints) if lacks_mass(joint)]
+    if found:
         raise UrdfError(
-            f"{file}: link {_links_on(model, joint)} moves with joint '{model.names[joint]}' but has no mass; "
-            "give it an <inertial>"
+            f"{file}: link {_links_on(model, found[0])} moves with joint '{model.names[found[0]]}' but has no mass; "
+            f"give it an <inertial>, or make it part of the link before by locked={[model.names[j] for j in found]}"
         )

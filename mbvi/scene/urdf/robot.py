@@ -24,7 +24,6 @@ from .checks import (
     check_axes,
     check_inertias,
     check_links,
-    check_masses,
     check_meshes,
     check_numbers,
     check_shapes,
@@ -117,7 +116,6 @@ def load_robot(
     if base == "fixed":
         _move_base(geometry.geometryObjects, rotation, position)
     shapes, omitted = _shapes(geometry, name, _colors(root))
-    check_masses(model, geometry, file)
     check_inertias(model, file)
     reference, moved = _reference(model)
     mimics, unfollowed = mimics_of(model, root)
