@@ -175,6 +175,10 @@ class CouplingItem:
     ratio: float
     offset: float
 
+    def __str__(self) -> str:
+        """Return the equation, such as "belt: a/turn = 2 b/turn + 0.1"."""
+        return f"{self.name}: {self.first} = {f'{self.ratio:g} {self.second} + ' if self.second else ''}{self.offset:g}"
+
 
 @dataclass
 class SceneItems:

@@ -136,9 +136,7 @@ class SceneModel:
         """Return in words what is connected and coupled."""
         kinds = {"point": "share a point", "hinge": "share a point and an axis", "weld": "are welded"}
         found = [f"{c.name}: {c.first} and {c.second} {kinds[c.kind]}{_acting(c)}" for c in self.items.connections]
-        for c in self.items.couplings:
-            found.append(f"{c.name}: {c.first} = {f'{c.ratio:g} {c.second} + ' if c.second else ''}{c.offset:g}")
-        return found
+        return found + [str(c) for c in self.items.couplings]
 
     def report(self, problem: Problem) -> str:
         """Return in words what is modelled, what was left out, and why."""

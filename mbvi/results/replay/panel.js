@@ -136,6 +136,10 @@ function controls() {
     });
     $("connections").onchange = () => { replay.connections = $("connections").checked; replay.choose(replay.kind); };
     $("with-connections").hidden = !replay.groups.some(group => group.connections);
+    // they have no common point: their equations are listed; pages of the site may be older
+    const coupled = DATA.couplings ?? [];
+    $("couplings").append(...coupled.map(text => Object.assign(document.createElement("div"), { textContent: text })));
+    $("couplings").hidden = !coupled.length;
     if (!DATA.frictional) $("with-friction").style.display = $("regimes").style.display = "none";
     for (const button of document.querySelectorAll("[data-view]")) button.onclick = () => Camera.view(button.dataset.view);
     const small = () => innerWidth < 560 || innerHeight < 420;

@@ -120,7 +120,7 @@ def page_of(run: PlayableRun, shapes: str = "visual", speed: float = 1.0) -> Pag
         "frictional": scene.items.frictional, "driven": moves.driven, "names": _names(moves, every),
         "groups": [group.data() for group in groups],
         "marks": packed(marks(run, moves, length).astype(np.float32)), "crowded": crowded(run, moves),
-        "impacts": packed(_instants(run)),
+        "impacts": packed(_instants(run)), "couplings": [str(c) for c in scene.items.couplings],
         **_colors(run, moves),
     }  # fmt: skip
     return page

@@ -72,6 +72,27 @@ def test_only_scenes_with_connections_have_a_group_of_marks(run):
 
 
 @needs_browser
+def test_a_browser_lists_coupled_joints(run, tmp_path):
+    scene = mbvi.Scene()
+    for k in range(2):
+        scene.add_urdf("robot:double_pendulum", base="fixed", position=(0, 2.0 * k, 1), name=f"p{k}")
+    scene.couple("p0/shoulder", "p1/shoulder", ratio=2, name="belt <i>")
+    pendulums = mbvi.simulate(scene.build(), mbvi.Paoli(), step=1e-3, duration=0.01, progress=False)
+    pendulums.replay_html(tmp_path / "coupled.html")
+    run.replay_html(tmp_path / "run.html")
+    with Browser(WIDTH, HEIGHT) as browser:
+        shown(browser, tmp_path / "coupled.html")
+        listed = "[...document.querySelectorAll('#couplings div')].map(one => one.textContent)"
+        assert browser.evaluate(listed) == ["belt <i>: p0/shoulder = 2 p1/shoulder + 0"]
+        visible = "document.querySelector('#couplings div').checkVisibility()"
+        assert not browser.evaluate(visible)
+        click(browser, "#couplings summary")
+        assert browser.evaluate(visible)
+        shown(browser, tmp_path / "run.html")
+        assert browser.evaluate("$('couplings').hidden")
+
+
+@needs_browser
 def test_a_browser_shows_and_hides_the_marks(run, tmp_path):
     run.replay_html(tmp_path / "run.html")
     chain(connected=False).replay_html(tmp_path / "free.html")
