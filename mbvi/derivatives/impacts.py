@@ -12,7 +12,7 @@ from ..schemes.event_driven.motion_state import certain_rates
 from ..schemes.event_driven.runge_kutta import least_percussion
 from ..system.system import Array
 from .directions import Directions
-from .linearised import Linearised
+from .motion.linearised import Linearised
 
 # cosines of kinetic angles below this count as zero, and above one less this as one
 _COSINE = 1e-9

@@ -7,7 +7,7 @@ import numpy as np
 from ..schemes.event_driven.runge_kutta import RungeKuttaStep
 from ..system.system import Array
 from .impacts import Refuse, Saltation
-from .linearised import Linearised
+from .motion.linearised import Linearised
 
 # halvings that find where the rate of a gap is zero
 _HALVINGS = 40

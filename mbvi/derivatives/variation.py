@@ -17,7 +17,7 @@ from ..schemes.event_driven.runge_kutta import RungeKuttaStep
 from ..system.system import Array
 from .directions import Directions
 from .impacts import LocatedImpact, Saltation
-from .linearised import Linearised
+from .motion.linearised import Linearised
 from .near_misses import NearMisses
 
 # largest error of one step of the variations, relative to the tolerance and to the largest entry of a column; the least

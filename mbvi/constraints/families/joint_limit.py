@@ -138,6 +138,10 @@ class JointLimits(Rebuilt, ConstraintFamily):
         """Return (dJ/dt) v of some limits, which is zero."""
         return np.zeros(len(rows))
 
+    def body_points(self, rows: Array) -> Array:
+        """Return zeros, shape (k, 7): gradients are constant."""
+        return np.zeros((len(rows), 7))
+
     def describe(self) -> str:
         """Return one line of `Problem.report()`, in words."""
         return f"{self.size} joint limits"

@@ -209,6 +209,10 @@ class SmoothRows:
         for family, rows in self._split(index):
             family.check_rows(t, q, rows)
 
+    def body_points(self, index: Array) -> Array:
+        """Return `ConstraintFamily.body_points` of some rows in ascending order, shape (k, 7)."""
+        return self._each(index, lambda family, rows: family.body_points(rows), np.zeros((0, 7)))
+
     def points(self, t: float, q: Array, index: Array) -> tuple[Array, Array]:
         """Return contact points and normals of some rows, shapes (k, 3); NaN where a row is no contact."""
         both = self._each(index, lambda family, rows: np.hstack(family.row_points(t, q, rows)), np.zeros((0, 6)))

@@ -20,7 +20,7 @@ Array = np.ndarray
 # ball joint; a point that moves along its parent's axes; a body that moves so and turns as in a ball joint; a free base
 # and a planar one, whose velocities are along their own axes
 SLIDES, TURNS, WINDS, ROLLS, MOVES, FLIES, FREE, PLANAR = range(8)
-_KINDS = {
+KINDS = {
     "JointModelPX": SLIDES, "JointModelPY": SLIDES, "JointModelPZ": SLIDES, "JointModelPrismaticUnaligned": SLIDES,
     "JointModelRX": TURNS, "JointModelRY": TURNS, "JointModelRZ": TURNS, "JointModelRevoluteUnaligned": TURNS,
     "JointModelRUBX": WINDS, "JointModelRUBY": WINDS, "JointModelRUBZ": WINDS,
@@ -324,7 +324,7 @@ def _kind(joint: pin.JointModel) -> int | None:
     """Return the kind of a joint, or None if it is another one."""
     name = joint.shortname()
     if name != "JointModelComposite":
-        return _KINDS.get(name)
+        return KINDS.get(name)
     parts = joint.extract()
     names = [part.shortname() for part in parts.joints]
     moved = any(not place.isIdentity(0.0) for place in parts.jointPlacements)

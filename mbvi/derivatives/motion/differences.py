@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ..system import System
-from ..system.system import Array
+from ...system import System
+from ...system.system import Array
 
 # length of a difference, in lengths of the scene and radians, and per second for velocities: the truncation and the
 # rounding of order four are both below 1e-11 there

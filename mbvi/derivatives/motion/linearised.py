@@ -6,15 +6,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..problem import Problem
-from ..schemes.event_driven.contact_rows import SmoothRows
-from ..schemes.event_driven.runge_kutta import Flow, least_percussion
-from ..system.lengths import velocity_units
-from ..system.mechanisms.articulated import ArticulatedSystem
-from ..system.system import Array, System, located_parts
+from ...problem import Problem
+from ...schemes.event_driven.contact_rows import SmoothRows
+from ...schemes.event_driven.runge_kutta import Flow, least_percussion
+from ...system.lengths import velocity_units
+from ...system.mechanisms.articulated import ArticulatedSystem
+from ...system.system import Array, System, located_parts
+from ..parameters import Parameters
 from .accelerations import Accelerations
 from .differences import STEP, along
-from .parameters import Parameters
+from .point_rows import PointRows
 
 # singular values of a Delassus matrix below this part of the largest count as zero
 _DEPENDENT = 1e-10
@@ -68,7 +69,7 @@ class Linearised:
         units = velocity_units(self.system, problem.length)
         self.units = np.tile(units, 2)
         self._steps = STEP * units
-        self._free = Accelerations(self.system, self._steps)
+        self._free, self._points = Accelerations(self.system, self._steps), PointRows(self.system)
         self._turning = _turning(self.system, problem.q0)
         n = self.system.nv
         # dq/dt = v, and the rest of A
@@ -112,15 +113,24 @@ class Linearised:
 
     def rows_by_q(self, t: float, q: Array, v: Array, index: Array) -> tuple[Array, Array]:
         """Return the derivatives by q of the gradients of some rows, shape (k, nv, nv), and of their bias, (k, nv)."""
+        table = self.rows.body_points(index)
+        known = self._points.known(table)
+        if known.all():
+            return self._points.by_q(q, v, table)
+        n, k = len(v), len(index)
+        gradients, biases = np.empty((k, n, n)), np.empty((k, n))
+        gradients[known], biases[known] = self._points.by_q(q, v, table[known])
+        others = index[~known]
 
         def both(dq: Array) -> Array:
             there = self.system.integrate(q, dq)
-            return np.column_stack([self.rows.gradients(t, there, index), self.rows.bias(t, there, v, index)])
+            return np.column_stack([self.rows.gradients(t, there, others), self.rows.bias(t, there, v, others)])
 
         # reach is zero for velocities that do not move a body of the row
-        moved = (self.rows.reach[index] != 0.0).any(axis=0)
+        moved = (self.rows.reach[others] != 0.0).any(axis=0)
         found = along(both, np.where(moved, self._steps, 0.0))
-        return found[:, :-1], found[:, -1]
+        gradients[~known], biases[~known] = found[:, :-1], found[:, -1]
+        return gradients, biases
 
     def law(self, t: float, q: Array, v: Array, rows: Array, hit: Array, e: Array) -> LinearLaw:
         """Return the law (8) on rows that all bear a percussion, with its derivatives.
@@ -137,19 +147,18 @@ class Linearised:
             Their restitution.
         """
         factor = np.where(hit, 1.0 + e, 1.0)
-
-        def after(dq: Array) -> Array:
-            there = self.system.integrate(q, dq)
-            J = self.rows.gradients(t, there, rows)
-            W = self.system.metric(there).solve_rows(J)
-            return np.asarray(v - np.linalg.lstsq(J @ W.T, factor * (J @ v), rcond=_DEPENDENT)[0] @ W)
-
-        by_q = along(after, self._steps)
-        J = self.rows.gradients(t, q, rows)
-        W = self.system.metric(q).solve_rows(J)
-        share = W.T @ np.linalg.pinv(J @ W.T, rcond=_DEPENDENT, hermitian=True)
-        rates, onto = J @ v, np.eye(len(v))
-        jump = -share @ (factor * rates)
+        J, metric = self.rows.gradients(t, q, rows), self.system.metric(q)
+        W = metric.solve_rows(J)
+        inverse = np.linalg.pinv(J @ W.T, rcond=_DEPENDENT, hermitian=True)
+        share, rates, onto = W.T @ inverse, J @ v, np.eye(len(v))
+        percussion = -inverse @ (factor * rates)
+        jump = percussion @ W
+        # M w = J' p and J w = -factor J v vary together
+        gradients, _ = self.rows_by_q(t, q, v, rows)
+        missing = np.einsum("ijk,i->jk", gradients, percussion) - self._free.momenta(q, jump)
+        loose = self.system.metric(q).solve_rows(np.ascontiguousarray(missing.T)).T
+        target = np.einsum("ijk,ij->ik", gradients, -jump - factor[:, None] * v)
+        by_q = loose + share @ (target - J @ loose)
         # gradients and the rates after the impact do not depend on parameters
         by_p = (onto - share @ J) @ self.parameters.jumps(q, jump)
         return LinearLaw(v + jump, by_q, onto - share @ (factor[:, None] * J), -share * (hit * rates), by_p)

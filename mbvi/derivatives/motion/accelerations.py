@@ -8,14 +8,16 @@ from functools import partial
 import numpy as np
 import pinocchio as pin
 
-from ..system import System
-from ..system.actuated import ActuatedSystem
-from ..system.free.bodies import FreeBodies, Spheres
-from ..system.free.planar import PlanarBodies
-from ..system.mechanisms.articulated import ArticulatedSystem
-from ..system.system import Array, Part, located_parts
-from .differences import along_both
+from ...system import System
+from ...system.actuated import ActuatedSystem
+from ...system.free.bodies import FreeBodies, Spheres
+from ...system.free.planar import PlanarBodies
+from ...system.mechanisms.articulated import ArticulatedSystem
+from ...system.system import Array, Part, located_parts
+from .differences import along, along_both
 
+# (q, w) -> derivative of M w by q at a constant w, shape (nv, nv)
+Momenta = Callable[[Array, Array], Array]
 # (t, q, v, force) -> derivative of acceleration + M^-1 force at constant force, shape (nv, 2 nv)
 Jacobian = Callable[[float, Array, Array, Array], Array]
 
@@ -34,6 +36,7 @@ class Accelerations:
     def __init__(self, system: System, steps: Array) -> None:
         self._system, self._steps = system, steps
         self._parts = [(part, _jacobian(part, steps[_columns(part)])) for part in located_parts(system)]
+        self._momenta = [(part, _momenta(part.system, steps[_columns(part)])) for part, _ in self._parts]
 
     def jacobian(self, t: float, q: Array, v: Array, force: Array) -> Array:
         """Return the derivative of M^-1 (g + force) by (q, v) at a constant generalised force, shape (nv, 2 nv)."""
@@ -50,6 +53,14 @@ class Accelerations:
             m = part.system.nv
             out[own, own] += found[:, :m]
             out[own, n + own.start : n + own.stop] += found[:, m:]
+        return out
+
+    def momenta(self, q: Array, w: Array) -> Array:
+        """Return the derivative of M w by q at a constant w, shape (nv, nv)."""
+        out = np.zeros((len(w), len(w)))
+        for part, momenta in self._momenta:
+            own = _columns(part)
+            out[own, own] = momenta(q[part.q : part.q + part.system.nq], w[own])
         return out
 
 
@@ -75,6 +86,18 @@ def _jacobian(part: Part, steps: Array) -> Jacobian:
     if isinstance(system, FreeBodies):
         return partial(_of_bodies, system)
     return partial(_of_any, system, steps)
+
+
+def _momenta(system: System, steps: Array) -> Momenta:
+    """Return what computes the derivatives of M w of one part."""
+    if isinstance(system, ArticulatedSystem):
+        model, still = system.model.copy(), np.zeros(system.nv)
+        model.gravity = pin.Motion.Zero()
+        data = model.createData()
+        return lambda q, w: pin.computeRNEADerivatives(model, data, q, still, w)[0].copy()
+    if isinstance(system, Spheres | PlanarBodies | FreeBodies):
+        return lambda q, w: np.zeros((len(w), len(w)))
+    return lambda q, w: along(lambda dq: system.metric(system.integrate(q, dq)).apply(w), steps)
 
 
 def _of_any(system: System, steps: Array, t: float, q: Array, v: Array, force: Array) -> Array:

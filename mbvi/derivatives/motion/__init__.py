@@ -1,0 +1,1 @@
+"""The linearised smooth motion and law of impacts."""
