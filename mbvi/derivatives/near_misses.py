@@ -30,19 +30,20 @@ class NearMisses:
 
     def __init__(self, linear: Linearised, saltation: Saltation, refuse: Refuse) -> None:
         self._linear, self._saltation, self._refuse = linear, saltation, refuse
-        # gaps at the end of the last step
+        # lower bounds of gaps at the end of the last step
         self._gaps: Array | None = None
 
     def step(self, step: RungeKuttaStep, closed: Array, held: Array, touching: float) -> None:
         """Check a step; gaps up to `touching` [m] at its start belong to the event before."""
         rows, system = self._linear.rows, self._linear.system
-        start = rows.gaps(step.t, step.q0, rows.all) if self._gaps is None else self._gaps
-        self._gaps = rows.gaps(step.t + step.h, step.q, rows.all)
+        start = rows.lower_bounds(step.t, step.q0, rows.all) if self._gaps is None else self._gaps
+        self._gaps = rows.lower_bounds(step.t + step.h, step.q, rows.all)
         with np.errstate(invalid="ignore"):
             fall = rows.reach @ step.travel
         # a gap that reaches zero within the step falls by at least the sum of its values at both ends
-        near = np.flatnonzero(~(start + self._gaps > fall) & (start * rows.lever > touching))
+        near = np.flatnonzero(~(start + self._gaps > fall))
         near = np.setdiff1d(near, np.union1d(closed, held))
+        near = near[rows.gaps(step.t, step.q0, near) * rows.lever[near] > touching]
         if not near.size:
             return
         first = rows.gradients(step.t, step.q0, near) @ step.v0

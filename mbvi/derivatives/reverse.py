@@ -70,8 +70,11 @@ class Reverse(Variation):
         """Return the derivatives at the start of a step."""
         n, units, by_p = len(self._linear.units), self._linear.units, self._given.by_p
 
-        def rates(share: float, y: Array) -> Array:
-            A = self.rates(step, 1.0 - share, closed)
-            return np.concatenate([(A[:, :n] * units).T, (A[:, n:] @ by_p).T]) @ (y[:n] / units[:, None])
+        def matrices(shares: Array) -> Array:
+            A = self.rates(step, 1.0 - shares, closed)
+            return np.concatenate([A[..., :n] * units, A[..., n:] @ by_p], axis=-1).swapaxes(1, 2)
 
-        return self.integrated(step, rates, y[:, None], 0.0)[:, 0]
+        def applied(matrices: Array, y: Array) -> Array:
+            return matrices @ (y[..., :n, :] / units[:, None])
+
+        return self.integrated(step, matrices, applied, y[:, None], 0.0)[:, 0]

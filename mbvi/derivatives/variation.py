@@ -23,6 +23,8 @@ from .near_misses import NearMisses
 # largest error of one step of the variations, relative to the tolerance and to the largest entry of a column; the least
 # one that the rounding of differences allows; and the most parts into which a step is divided for it
 _LOCAL, _ROUNDING, _MOST_PARTS = 0.3, 1e-10, 64
+# nodes at which the matrices of a step, or of a part of one, are computed
+_NODES = 5
 # entries that count as small of what one size of a parameter changes
 LEAST = 1e-3
 # jump of accelerations at a release above which it is refused, relative to the largest one so far
@@ -51,7 +53,8 @@ class Variation:
     Notes
     -----
     dX/dt = A X + B P along the dense output of the run, with the rates B P by the parameters, by the tableau of order
-    eight that made its steps; a step whose error is too large for X is divided.
+    eight that made its steps. A and B P are polynomials through Gauss's nodes, which is of order ten; what their
+    leading terms change estimates its error. A step whose error is too large for X is divided.
     """
 
     def __init__(self, problem: Problem, tolerance: float, varied: Directions) -> None:
@@ -59,6 +62,7 @@ class Variation:
         from scipy.integrate import DOP853
 
         self._A, self._b, self._c = DOP853.A[:12, :12], DOP853.B, DOP853.C[:12]
+        self._nodes, self._interpolation = _interpolation(self._c)
         self._errors = np.array([DOP853.E5[:12], DOP853.E3[:12]])
         self._linear = Linearised(deepcopy(problem), varied.parameters)
         self._tolerance, self._varied = max(_LOCAL * tolerance, _ROUNDING), varied
@@ -100,7 +104,8 @@ class Variation:
         assert self._end is not None
         t, q, v = self._end
         rows = self._linear.rows
-        near = np.flatnonzero(rows.gaps(t, q, rows.all) * rows.lever <= self._touching)
+        near = np.flatnonzero(rows.lower_bounds(t, q, rows.all) * rows.lever <= self._touching)
+        near = near[rows.gaps(t, q, near) * rows.lever[near] <= self._touching]
         near = np.setdiff1d(near, np.union1d(self._closed, self._held))
         closing = near[rows.gradients(t, q, near) @ v < 0.0]
         if self._pending is not None or closing.size:
@@ -185,19 +190,30 @@ class Variation:
         # in units of the scene, so that no unit of length matters
         scaling = units.T / units
 
-        def rates(share: float, X: Array) -> Array:
-            A = self.rates(step, share, self._closed)
-            return (scaling * A[:, : len(X)]) @ X + (A[:, len(X) :] @ by_p) / units
+        def matrices(shares: Array) -> Array:
+            A = self.rates(step, shares, self._closed)
+            n = len(units)
+            return np.concatenate([scaling * A[..., :n], (A[..., n:] @ by_p) / units], axis=-1)
 
-        self._X = units * self.integrated(step, rates, self._X / units, self._least)
+        def applied(matrices: Array, X: Array) -> Array:
+            return matrices[..., : len(units)] @ X + matrices[..., len(units) :]
 
-    def rates(self, step: RungeKuttaStep, share: float, closed: Array) -> Array:
-        """Return `Linearised.matrix` at a share of a step."""
-        q, v = step.at(self._linear.system, share) if share > 0.0 else (step.q0, step.v0)
-        return self._linear.matrix(step.t + share * step.h, q, v, closed)
+        self._X = units * self.integrated(step, matrices, applied, self._X / units, self._least)
+
+    def rates(self, step: RungeKuttaStep, shares: Array, closed: Array) -> Array:
+        """Return `Linearised.matrix` at some shares of a step, one after the other."""
+        system, linear = self._linear.system, self._linear
+        return np.array([
+            linear.matrix(step.t + share * step.h, *step.at(system, share), closed) for share in shares.tolist()
+        ])  # fmt: skip
 
     def integrated(
-        self, step: RungeKuttaStep, rates: Callable[[float, Array], Array], X: Array, least: Array | float
+        self,
+        step: RungeKuttaStep,
+        matrices: Callable[[Array], Array],
+        applied: Callable[[Array, Array], Array],
+        X: Array,
+        least: Array | float,
     ) -> Array:
         """Return X after a step that is taken in as many equal parts as its error needs.
 
@@ -205,8 +221,10 @@ class Variation:
         ----------
         step : RungeKuttaStep
             The step.
-        rates : callable
-            rates(share, X) -> dX/dt.
+        matrices : callable
+            matrices(shares) -> array, shape (k, a, b): what depends on the time.
+        applied : callable
+            applied(matrix, X) -> dX/dt, for matrices and X with any leading axes.
         X : ndarray, shape (n, p)
             X at its start.
         least : ndarray, shape (p,), or float
@@ -214,28 +232,52 @@ class Variation:
         """
         parts, found = 1, None
         while found is None and parts <= _MOST_PARTS:
-            found = self._parts(step.h / parts, parts, rates, X, least)
+            found = self._parts(step.h / parts, parts, matrices, applied, X, least)
             parts *= 2
         if found is None:
             self._refuse("the variations change too fast to be integrated", NO_ROWS, step.t)
         return found
 
     def _parts(
-        self, h: float, parts: int, rates: Callable[[float, Array], Array], X: Array, least: Array | float
+        self,
+        h: float,
+        parts: int,
+        matrices: Callable[[Array], Array],
+        applied: Callable[[Array, Array], Array],
+        X: Array,
+        least: Array | float,
     ) -> Array | None:
         """Return X after some equal parts of length h; None if the error is too large."""
-        K = np.empty((len(self._c), *X.shape))
+        # twice the same: with the matrices, and with those without the leading terms of their polynomials
+        K = np.empty((len(self._c), 2, *X.shape))
         # the same numbers, one stage a row
         flat = K.reshape(len(K), -1)
         for part in range(parts):
-            for i, node in enumerate(self._c):
-                stage = X + h * (self._A[i, :i] @ flat[:i]).reshape(X.shape) if i else X
-                K[i] = rates((part + node) / parts, stage)
-            fifth, third = np.abs(h * (self._errors @ flat)).reshape(2, *X.shape).max(axis=1)
-            X = X + h * (self._b @ flat).reshape(X.shape)
-            both = np.sqrt(fifth**2 + 0.01 * third**2)
-            error = fifth * np.divide(fifth, both, out=np.zeros_like(both), where=both != 0.0)
+            at_nodes = matrices((part + self._nodes) / parts)
+            M = (self._interpolation @ at_nodes.reshape(_NODES, -1)).reshape(2, -1, *at_nodes.shape[1:])
+            both = np.stack([X, X])
+            for i in range(len(self._c)):
+                K[i] = applied(M[:, i], both + h * (self._A[i, :i] @ flat[:i]).reshape(both.shape) if i else both)
+            fifth, third = np.abs(h * (self._errors @ flat)).reshape(2, *both.shape)[:, 0].max(axis=1)
+            X, rough = both + h * (self._b @ flat).reshape(both.shape)
+            scale = np.sqrt(fifth**2 + 0.01 * third**2)
+            error = fifth * np.divide(fifth, scale, out=np.zeros_like(scale), where=scale != 0.0)
+            error = np.maximum(error, np.abs(X - rough).max(axis=0))
             # written so that a NaN is refused too
             if not (error <= self._tolerance * np.maximum(np.abs(X).max(axis=0), least)).all():
                 return None
         return X
+
+
+def _interpolation(shares: Array) -> tuple[Array, Array]:
+    """Return Gauss's nodes in (0, 1), and what makes values at some shares of those at the nodes.
+
+    The second, shape (2, k, nodes), has the polynomial through the nodes, then the one without its leading term, which
+    is the nearest of its degree.
+    """
+    from numpy.polynomial import legendre
+
+    nodes, weights = legendre.leggauss(_NODES)
+    terms = (np.arange(_NODES) + 0.5)[:, None] * legendre.legvander(nodes, _NODES - 1).T * weights
+    there = legendre.legvander(2.0 * shares - 1.0, _NODES - 1)
+    return 0.5 * (nodes + 1.0), np.stack([there @ terms, there[:, :-1] @ terms[:-1]])
