@@ -18,7 +18,7 @@ from .sensitivity import followed
 
 @dataclass(frozen=True, eq=False)
 class Gradient:
-    """The gradient of a number at the end of a run of `EventDriven`.
+    """The gradient of a number at the end of a run.
 
     Attributes
     ----------
@@ -44,6 +44,7 @@ def gradient(
     scheme: Scheme | EventDriven | None = None,
     *,
     duration: float,
+    step: float | None = None,
     wrt: Iterable[str] = ("state",),
     bodies: Iterable[str] | None = None,
 ) -> Gradient:
@@ -56,7 +57,7 @@ def gradient(
     of : callable
         of(q, v) -> (number, row): the number at the end, and its derivatives by variations of q, which are tangent
         vectors, then of v, shape (2 nv,).
-    scheme, duration, wrt, bodies
+    scheme, duration, step, wrt, bodies
         As `sensitivity`.
 
     Returns
@@ -76,7 +77,7 @@ def gradient(
     The result is row @ `sensitivity(...).matrix`, to the tolerance.
     """
     function(of, "of", "of(q, v) -> (number, row)")
-    run, reverse, varied = followed(problem, scheme, duration, wrt, bodies, Reverse)
+    run, reverse, varied = followed(problem, scheme, duration, step, wrt, bodies, Reverse)
     found = of(run.q[-1].copy(), run.v[-1].copy())
     if not isinstance(found, tuple) or len(found) != 2:
         raise InputError("of must return a number and its derivatives, (number, row)")

@@ -7,11 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from ..problem import Problem
-from ..schemes.event_driven.integrator import EventDrivenIntegrator
 from ..schemes.event_driven.runge_kutta import RungeKuttaStep
 from ..system.system import Array
 from .directions import Directions
-from .variation import Variation
+from .variation import Followed, Variation
 
 
 class Reverse(Variation):
@@ -44,7 +43,7 @@ class Reverse(Variation):
         # matrices of impacts, shape (2 nv, 2 nv + p), and steps with the rows that are closed in them
         self._tape: list[Array | tuple[RungeKuttaStep, Array]] = []
 
-    def _begin_step(self, t: float, q: Array, v: Array, integrator: EventDrivenIntegrator) -> None:
+    def _begin_step(self, t: float, q: Array, v: Array, integrator: Followed) -> None:
         self._X = self._basis
         super()._begin_step(t, q, v, integrator)
         if self._X is not self._basis:

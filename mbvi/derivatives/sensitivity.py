@@ -16,22 +16,25 @@ from ..run.accuracy import projector_of
 from ..run.given_scheme import checked_scheme
 from ..run.interrupted import run_so_far
 from ..run.own_steps.event_loop import run_event_driven
-from ..run.simulate import check_problem
-from ..schemes import EventDriven, OwnStepsScheme, Scheme
+from ..run.simulate import check_problem, simulate
+from ..schemes import Centered, EventDriven, MoreauJean, OwnStepsScheme, Paoli, Scheme, StewartTrinkle
 from ..system.system import Array, located_parts
 from .check import SensitivityCheck, VariedRuns
 from .directions import Directions, directions
+from .fixed_steps import LocatedSteps
 from .variation import Variation
 
 Kind = TypeVar("Kind", bound=Variation)
 
 # tolerance of the scheme if none is given
 _TOLERANCE = 1e-9
+# that of variations along a run of fixed steps
+_BETWEEN_STEPS = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class Sensitivity:
-    """The derivative of a run of `EventDriven`.
+    """The derivative of a run.
 
     The 2 nv rows are variations of the state: of the configuration as tangent vectors at q, of joints and bodies in
     their own frames [m, rad], then of the velocity [m/s, rad/s], both in the order of `run.v`. Columns are what the run
@@ -44,7 +47,7 @@ class Sensitivity:
     matrix : ndarray, shape (2 nv, p)
         The derivative of the state at the end.
     matrices : ndarray, shape (n + 1, 2 nv, p)
-        That of the state at each time of `run.t`, which holds an impact twice, before and after it. The first one is
+        That of the state at each time of `run.t`, which of `EventDriven` holds an impact twice, before and after it. The first one is
         the identity, without the variations that would open a contact that is closed at the start.
     columns : dict of str to slice
         The columns of each name of `wrt`. Those of "state" are variations as the rows are, those of "restitution" have
@@ -84,6 +87,7 @@ def sensitivity(
     scheme: Scheme | EventDriven | None = None,
     *,
     duration: float,
+    step: float | None = None,
     wrt: Iterable[str] = ("state",),
     bodies: Iterable[str] | None = None,
 ) -> Sensitivity:
@@ -94,9 +98,14 @@ def sensitivity(
     problem : Problem
         The problem to run.
     scheme : EventDriven, optional
-        By default `EventDriven(tolerance=1e-9)`; the derivative is about as accurate as the tolerance.
+        By default `EventDriven(tolerance=1e-9)`; the derivative is about as accurate as the tolerance. `Paoli`,
+        `MoreauJean`, `Centered` and `StewartTrinkle` take steps across impacts: the derivative is then that of the
+        motion which they approximate, with impacts located within steps. Its error falls with h. It is not the
+        derivative of the map of a step, which does not converge.
     duration : float
         Duration [s]; the run may not end at an impact.
+    step : float, optional
+        Time step h of a scheme of fixed steps [s]; as of `simulate`.
     wrt : sequence of str
         What to differentiate by, each of one column unless said:
 
@@ -141,7 +150,7 @@ def sensitivity(
     Contacts that are closed stay closed: with some at the start the derivative is that along the variations which keep
     them closed. Functions of the user, forces and controls of robots, must be smooth functions of (t, q, v).
     """
-    run, variation, varied = followed(problem, scheme, duration, wrt, bodies, Variation)
+    run, variation, varied = followed(problem, scheme, duration, step, wrt, bodies, Variation)
     matrices = np.array(variation.matrices) / varied.sizes
     matrices.setflags(write=False)
     runs = VariedRuns(problem, float(duration), varied, matrices[0], variation.closed_at_start)
@@ -152,6 +161,7 @@ def followed(
     problem: Problem,
     scheme: Scheme | EventDriven | None,
     duration: float,
+    step: float | None,
     wrt: Iterable[str],
     bodies: Iterable[str] | None,
     kind: Callable[[Problem, float, Directions], Kind],
@@ -164,6 +174,10 @@ def followed(
         raise InputError(f"wrt must hold one name or more, each once; got {shown(list(names))}")
     varied = directions(problem, names, optional(several_names, bodies, "bodies"))
     scheme = _checked(problem, EventDriven(_TOLERANCE) if scheme is None else checked_scheme(scheme))
+    if isinstance(scheme, Scheme):
+        return *_along_steps(problem, scheme, duration, step, kind, varied), varied
+    if step is not None:
+        raise InputError(f"{scheme.name} chooses its own steps: leave out step")
     scheme.check(problem)
 
     projector, notes = projector_of(problem, scheme, None, None, None)
@@ -175,13 +189,36 @@ def followed(
     return run, variation, varied
 
 
-def _checked(problem: Problem, scheme: Scheme | OwnStepsScheme) -> EventDriven:
+def _along_steps(
+    problem: Problem,
+    scheme: Scheme,
+    duration: float,
+    step: float | None,
+    kind: Callable[[Problem, float, Directions], Kind],
+    varied: Directions,
+) -> tuple[Trajectory, Kind]:
+    """Return a run of fixed steps, and what followed the variations of the motion that it approximates."""
+    run = simulate(problem, scheme, duration=duration, step=step, progress=False)
+    variation = kind(problem, _BETWEEN_STEPS, varied)
+    variation.approximate = True
+    recorded = [0]
+    with run_so_far(lambda: run):
+        motion = LocatedSteps(run, _BETWEEN_STEPS)
+        for part, ends in motion.parts():
+            variation(part, motion)
+            if ends:
+                recorded.append(len(variation.matrices) - 1)
+        variation.finish()
+    variation.matrices = [variation.matrices[k] for k in recorded]
+    return run, variation
+
+
+def _checked(problem: Problem, scheme: Scheme | OwnStepsScheme) -> Scheme | EventDriven:
     """Return the scheme; raise `SensitivityError` where mbvi knows no derivative of any run."""
     system, reason = problem.system, ""
-    if not isinstance(scheme, EventDriven):
+    if not isinstance(scheme, EventDriven | Paoli | MoreauJean | Centered | StewartTrinkle):
         reason = (
-            f"{scheme!r} takes steps across impacts, and the derivative of such steps is not that of the motion: "
-            "take EventDriven(tolerance)"
+            f"of {scheme!r} none is known: take EventDriven(tolerance), Paoli, MoreauJean, Centered or StewartTrinkle"
         )
     elif problem.constraints.frictional or system.has_joint_friction:
         reason = "there is friction, whose derivatives mbvi does not know yet"
@@ -191,5 +228,5 @@ def _checked(problem: Problem, scheme: Scheme | OwnStepsScheme) -> EventDriven:
         reason = "a control of the whole scene may react to contacts, which has no derivative"
     if reason:
         raise SensitivityError(reason, problem.t0)
-    assert isinstance(scheme, EventDriven)
+    assert isinstance(scheme, Scheme | EventDriven)
     return scheme

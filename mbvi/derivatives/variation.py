@@ -16,9 +16,13 @@ from ..schemes.event_driven.motion_state import NO_ROWS
 from ..schemes.event_driven.runge_kutta import RungeKuttaStep
 from ..system.system import Array
 from .directions import Directions
+from .fixed_steps import LocatedSteps
 from .impacts import LocatedImpact, Saltation
 from .motion.linearised import Linearised
 from .near_misses import NearMisses
+
+# what a run is followed by
+Followed = EventDrivenIntegrator | LocatedSteps
 
 # largest error of one step of the variations, relative to the tolerance and to the largest entry of a column; the least
 # one that the rounding of differences allows; and the most parts into which a step is divided for it
@@ -27,7 +31,7 @@ _LOCAL, _ROUNDING, _MOST_PARTS = 0.3, 1e-10, 64
 _NODES = 5
 # entries that count as small of what one size of a parameter changes
 LEAST = 1e-3
-# jump of accelerations at a release above which it is refused, relative to the largest one so far
+# jump of accelerations that rounding explains, relative to the largest one
 _JUMP = 1e-6
 
 
@@ -49,6 +53,9 @@ class Variation:
         The variations at each recorded state of the run.
     closed_at_start : ndarray of int
         Rows that are closed at the start.
+    approximate : bool
+        Whether the motion is known to a step of fixed length only: variations then take one step of order two for each,
+        and accelerations may jump at a release.
 
     Notes
     -----
@@ -68,6 +75,7 @@ class Variation:
         self._tolerance, self._varied = max(_LOCAL * tolerance, _ROUNDING), varied
         self._least = np.where(varied.of_parameters, LEAST, 1e-300)
         self._saltation = Saltation(self._linear, varied, problem.length, float(np.sqrt(tolerance)), self._refuse)
+        self.approximate = False
         self._misses = NearMisses(self._linear, self._saltation, self._refuse)
         self._name = problem.constraints.name
         self._varies_start = bool(varied.start.any() or varied.by_gap.any())
@@ -81,7 +89,7 @@ class Variation:
         self._end: tuple[float, Array, Array] | None = None
         self._pending: tuple[ImpactEvent, Array] | None = None
 
-    def __call__(self, part: RungeKuttaStep | ImpactEvent, integrator: EventDrivenIntegrator) -> None:
+    def __call__(self, part: RungeKuttaStep | ImpactEvent, integrator: Followed) -> None:
         """Follow a smooth step or an impact of the run."""
         if integrator.fallbacks:
             self._refuse("contacts whose gradients jump take steps of Paoli here", integrator.event_rows, integrator.t)
@@ -116,7 +124,7 @@ class Variation:
         numbers = np.unique(self._linear.rows.number[rows]).tolist()
         raise SensitivityError(reason, t, tuple(map(self._name, numbers)))
 
-    def _begin_impact(self, event: ImpactEvent, integrator: EventDrivenIntegrator) -> None:
+    def _begin_impact(self, event: ImpactEvent, integrator: Followed) -> None:
         rows = integrator.rows
         jumping = np.flatnonzero(~rows.smooth & np.isin(rows.number, event.number))
         if jumping.size:
@@ -130,7 +138,7 @@ class Variation:
         # the matrix after it is known once the contacts are that stay closed
         self.matrices.append(self._X)
 
-    def _begin_step(self, t: float, q: Array, v: Array, integrator: EventDrivenIntegrator) -> None:
+    def _begin_step(self, t: float, q: Array, v: Array, integrator: Followed) -> None:
         """Carry the variations over what happened since the last step, of which a new one starts."""
         closed, held = integrator.closed, integrator.held
         if self._pending is not None:
@@ -147,7 +155,7 @@ class Variation:
             self._change(q, v, closed)
         self._closed, self._held = closed, held
 
-    def _start(self, t: float, q: Array, v: Array, integrator: EventDrivenIntegrator) -> None:
+    def _start(self, t: float, q: Array, v: Array, integrator: Followed) -> None:
         """Restrict the variations to those that keep closed what is closed at the start."""
         touching = np.setdiff1d(integrator.event_rows, integrator.closed)
         J = self._linear.rows.gradients(t, q, touching)
@@ -173,6 +181,8 @@ class Variation:
         new = np.setdiff1d(closed, np.union1d(self._closed, self._held))
         if new.size:
             self._refuse("it comes to rest without an impact", new, t)
+        if self.approximate:
+            return
         before, after = (self._linear.flow.acceleration(t, q, v, rows)[:n] for rows in (self._closed, closed))
         if np.abs((after - before) / self._linear.units[:n]).max() > _JUMP * self._fastest:
             self._refuse("contact forces jump at a release", np.setxor1d(closed, self._closed), t)
@@ -230,6 +240,9 @@ class Variation:
         least : ndarray, shape (p,), or float
             Entries of each column up to this are small.
         """
+        if self.approximate:
+            middle = matrices(np.array([0.5]))[0]
+            return X + step.h * applied(middle, X + 0.5 * step.h * applied(middle, X))
         parts, found = 1, None
         while found is None and parts <= _MOST_PARTS:
             found = self._parts(step.h / parts, parts, matrices, applied, X, least)

@@ -645,7 +645,7 @@ CALLS: dict[str, Call] = {
     "sensitivity": Call(
         mbvi.sensitivity,
         lambda: {
-            "problem": scene().build(), "scheme": mbvi.EventDriven(1e-6), "duration": 0.01,
+            "problem": scene().build(), "scheme": mbvi.Centered(), "duration": 0.01, "step": 1e-3,
             "wrt": ["state", "restitution"], "bodies": None,
         },
     ),
@@ -653,7 +653,8 @@ CALLS: dict[str, Call] = {
         mbvi.gradient,
         lambda: {
             "problem": scene().build(), "of": lambda q, v: (q[0], np.eye(1, 2 * len(v))[0]),
-            "scheme": mbvi.EventDriven(1e-6), "duration": 0.01, "wrt": ["state", "restitution"], "bodies": None,
+            "scheme": mbvi.Centered(), "duration": 0.01, "step": 1e-3, "wrt": ["state", "restitution"],
+            "bodies": None,
         },
     ),
     "Sensitivity.check": Call(
