@@ -47,8 +47,8 @@ class Sensitivity:
     matrix : ndarray, shape (2 nv, p)
         The derivative of the state at the end.
     matrices : ndarray, shape (n + 1, 2 nv, p)
-        That of the state at each time of `run.t`, which of `EventDriven` holds an impact twice, before and after it. The first one is
-        the identity, without the variations that would open a contact that is closed at the start.
+        That of the state at each time of `run.t`, which of `EventDriven` holds an impact twice, before and after it.
+        The first one is the identity, without the variations that would open a contact that is closed at the start.
     columns : dict of str to slice
         The columns of each name of `wrt`. Those of "state" are variations as the rows are, those of "restitution" have
         no unit; for others see `sensitivity`.
