@@ -11,6 +11,7 @@ import numpy as np
 
 from ..system import System
 from .families.candidates import PairCandidates
+from .mechanism.held_rows import RowParts, unknown_parts
 from .pair_features import FeatureRows
 from .rotations import rotation_rows
 from .rows import NO_POINT, Array, Rows
@@ -282,6 +283,10 @@ class ConstraintFamily(ABC):
         None are returned where features are unclear.
         """
         return []
+
+    def row_parts(self, rows: Array) -> RowParts:
+        """Return what some rows are, for kernels; by default these do not know them."""
+        return unknown_parts(len(rows))
 
     def check_rows(self, t: float, q: Array, rows: Array) -> None:  # noqa: B027
         """Raise `InputError` if the gradients of some rows that are closed are wrong."""

@@ -13,6 +13,8 @@ import numpy as np
 from ..geometry.shapes.shape_table import ShapeTable
 from ..geometry.shapes.shapes import PlacedShape
 from ..system import System
+from .feature_kernels import EDGES, FACE_VERTEX, VERTEX_FACE, add_turning_biases, touch_each
+from .mechanism.held_rows import RowParts
 from .rows import Array
 
 # lengths are relative to the bounding radius of the smaller shape
@@ -23,8 +25,6 @@ _LEVEL, _SAME, _NEAR = 1e-11, 1e-8, 1e-6
 _OFF = 1e-13
 # sine of the angle of two edges above which they cross
 _CROSS = 1e-6
-# which features touch: a vertex of the first shape and a face of the second, the reverse, or two edges
-_VERTEX_FACE, _FACE_VERTEX, _EDGES = range(3)
 
 
 def is_polyhedron(placed: PlacedShape) -> bool:
@@ -132,26 +132,16 @@ class FeatureRows:
         """Return what `_at` keeps."""
         bodies, kind = self._bodies[rows], self._kind[rows]
         places, parts = self._places(q, bodies.ravel()).reshape(-1, 2, 4, 3), self._parts[rows]
-        start = (parts[:, :, 0, None, :] @ places[:, :, :3])[:, :, 0] + places[:, :, 3]
-        along = (parts[:, :, 1, None, :] @ places[:, :, :3])[:, :, 0]
-        normal, point = along[:, 1].copy(), start[:, 0].copy()
-        turned, crossed = kind == _FACE_VERTEX, kind == _EDGES
-        normal[turned], point[turned] = along[turned, 0], start[turned, 1]
-        if crossed.any():
-            a, b, d, e = start[crossed, 0], start[crossed, 1], along[crossed, 0], along[crossed, 1]
-            n = _cross(d, e)
-            square = np.vecdot(n, n)
-            # the nearest point of the first line
-            share = np.vecdot(_cross(b - a, e), n) / square
-            normal[crossed], point[crossed] = n / np.sqrt(square)[:, None], a + share[:, None] * d
-        return _Touching(bodies, kind, places, along, np.vecdot(normal, start[:, 1] - start[:, 0]), point, normal)
+        along, gap, (point, normal) = np.empty((len(rows), 2, 3)), np.empty(len(rows)), np.empty((2, len(rows), 3))
+        touch_each(kind, parts, places, along, gap, point, normal)
+        return _Touching(bodies, kind, places, along, gap, point, normal)
 
     def outside(self, q: Array, rows: Array) -> Array:
         """Return how far the contact points of some rows are outside the shapes, beyond their gaps, shape (k,) [m]."""
         at, found = self._at(q, rows), np.empty(len(rows))
         own = ((at.point[:, None] - at.places[:, :, 3])[:, :, None, :] @ at.places[:, :, :3].swapaxes(2, 3))[:, :, 0]
         for i, row in enumerate(rows.tolist()):
-            sides = (1,) if at.kind[i] == _VERTEX_FACE else (0,) if at.kind[i] == _FACE_VERTEX else (0, 1)
+            sides = (1,) if at.kind[i] == VERTEX_FACE else (0,) if at.kind[i] == FACE_VERTEX else (0, 1)
             planes = self._faces[row]
             found[i] = max(float((planes[k][:, :3] @ own[i, k] - planes[k][:, 3]).max()) for k in sides)
         return np.asarray(found - np.abs(at.gap))
@@ -181,13 +171,12 @@ class FeatureRows:
         bias, moving = np.zeros((2 * k, 3)), at.bodies.ravel() > 0
         bias[moving] = self._system.point_bias(q, v, at.bodies.ravel()[moving], own.reshape(-1, 3)[moving])
         change = np.vecdot(bias[1::2] - bias[::2], at.normal)
-        for i in range(k):
-            if at.kind[i] == _EDGES:
-                change[i] += _edge_bias(at.normal[i], at.along[i], turning[i], sliding[i])
-            else:
-                # the normal turns with the body that has the face
-                change[i] += 2.0 * turning[i, 1 if at.kind[i] == _VERTEX_FACE else 0] @ sliding[i]
+        add_turning_biases(at.kind, at.normal, at.along, np.ascontiguousarray(turning), sliding, change)
         return change
+
+    def row_parts(self, rows: Array) -> RowParts:
+        """Return what some rows are, for kernels."""
+        return RowParts(self._kind[rows], self._bodies[rows], self._parts[rows])
 
     def row_points(self, t: float, q: Array, rows: Array) -> tuple[Array, Array]:
         """Return contact points and normals of some rows, shapes (k, 3)."""
@@ -204,36 +193,6 @@ class FeatureRows:
 
     def check_rows(self, t: float, q: Array, rows: Array) -> None:
         """Do nothing: gradients of features are exact."""
-
-
-def _cross(a: Array, b: Array) -> Array:
-    """Return the cross products of vectors in rows."""
-    # numpy's takes three times as long for so few
-    return np.asarray(a[..., _NEXT] * b[..., _LAST] - a[..., _LAST] * b[..., _NEXT])
-
-
-_NEXT, _LAST = [1, 2, 0], [2, 0, 1]
-
-
-def _edge_bias(n: Array, along: Array, turning: Array, sliding: Array) -> float:
-    """Return what the turning of two crossing edges adds to (dJ/dt) v of their distance.
-
-    Parameters
-    ----------
-    n : ndarray, shape (3,)
-        The normal.
-    along, turning : ndarray, shape (2, 3)
-        Directions of the edges and their rates of change.
-    sliding : ndarray, shape (3,)
-        Velocity of the second body relative to the first where they touch.
-    """
-    (d, e), (dd, de) = along, turning
-    N = _cross(d, e)
-    size = float(np.sqrt(N @ N))
-    rate = (_cross(dd, e) + _cross(d, de)) / size
-    # the contact point moves along both edges
-    first, second = float(_cross(sliding, e) @ n) / size, float(_cross(sliding, d) @ n) / size
-    return float((rate - (rate @ n) * n) @ sliding + n @ (second * de - first * dd))
 
 
 def _features(
@@ -274,13 +233,13 @@ def _features(
     if edges is not None:
         (i, j), (k, m) = edges
         d, e = (own_a[j] - own_a[i]) / np.linalg.norm(own_a[j] - own_a[i]), own_b[m] - own_b[k]
-        return _EDGES, np.array([[own_a[i], d], [own_b[k], e / np.linalg.norm(e)]])
+        return EDGES, np.array([[own_a[i], d], [own_b[k], e / np.linalg.norm(e)]])
     if alone and min(sizes) > 1:
         return None
     if a is not None and (b is None or sizes[1] > 2 or sizes[0] < 3):
-        return _VERTEX_FACE, np.array([[own_a[a], nothing], [own_b[level[1][0]], places[1, :3] @ normal]])
+        return VERTEX_FACE, np.array([[own_a[a], nothing], [own_b[level[1][0]], places[1, :3] @ normal]])
     if b is not None:
-        return _FACE_VERTEX, np.array([[own_a[level[0][0]], places[0, :3] @ normal], [own_b[b], nothing]])
+        return FACE_VERTEX, np.array([[own_a[level[0][0]], places[0, :3] @ normal], [own_b[b], nothing]])
     return None
 
 

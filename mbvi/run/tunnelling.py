@@ -11,7 +11,7 @@ from ..errors import DivergedError
 from ..problem import Problem
 from ..projection import Projector
 from ..schemes import Scheme, Step
-from ..schemes.event_driven.root_finding import first_root_by_slope
+from ..schemes.event_driven.finding.root_finding import first_root_by_slope
 from ..schemes.observer import observer
 from ..system.system import Array
 from .control_stability import turned_by_gains

@@ -24,6 +24,7 @@ from support.coulomb_arguments import COULOMB_ARGUMENTS
 from support.distance_kernel_arguments import DISTANCE_ARGUMENTS
 from support.equality_arguments import EQUALITY_ARGUMENTS
 from support.held_arguments import HELD_ARGUMENTS
+from support.held_row_arguments import HELD_ROW_ARGUMENTS
 from support.joint_tree_arguments import JOINT_TREE_ARGUMENTS
 from support.loop_arguments import LOOP_ARGUMENTS, arrays_of
 from support.momentum_arguments import MOMENTUM_ARGUMENTS
@@ -1077,6 +1078,7 @@ ARGUMENTS = {
     **SPIN_ARGUMENTS,
     **HELD_ARGUMENTS,
     **JOINT_TREE_ARGUMENTS,
+    **HELD_ROW_ARGUMENTS,
     **EQUALITY_ARGUMENTS,
     **MOMENTUM_ARGUMENTS,
     "_raise_levels": raise_levels,
@@ -1225,7 +1227,7 @@ def arguments(item, seed):
         return LOOP_ARGUMENTS[item.__name__](np.random.default_rng(seed), seed)
     made = ARGUMENTS[item.__name__](np.random.default_rng(seed))
     # a copy of addresses would name the memory of the original
-    return made if item.__name__ in ADDRESS_ARGUMENTS else copy.deepcopy(made)
+    return made if item.__name__ in {**ADDRESS_ARGUMENTS, **HELD_ROW_ARGUMENTS} else copy.deepcopy(made)
 
 
 def accepted(name, result):
@@ -1245,7 +1247,7 @@ def specified(name, result, arguments):
     """What the plain form's description promises of the result and of the arguments afterwards."""
     if name in ADDRESS_ARGUMENTS:
         return results_by_address(name, arguments)
-    if name in LOOP_ARGUMENTS or name == "write_torque":
+    if name in LOOP_ARGUMENTS or name in HELD_ROW_ARGUMENTS or name == "write_torque":
         return [*(result if isinstance(result, tuple) else [result]), *(part for _, part in arrays_of(arguments))]
     # the last field of `Points` is scratch
     end = -1 if name in ("points_below", "half_space_rows") else None

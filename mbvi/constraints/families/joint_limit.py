@@ -8,6 +8,7 @@ import numpy as np
 
 from ...compiled import kernel
 from ..family import ConstraintFamily
+from ..mechanism.held_rows import LIMIT, RowParts
 from ..rebuilt import Rebuilt
 from ..rows import NO_POINT, Array, Rows
 
@@ -141,6 +142,13 @@ class JointLimits(Rebuilt, ConstraintFamily):
     def body_points(self, rows: Array) -> Array:
         """Return zeros, shape (k, 7): gradients are constant."""
         return np.zeros((len(rows), 7))
+
+    def row_parts(self, rows: Array) -> RowParts:
+        """Return what some limits are, for kernels."""
+        parts = np.zeros((len(rows), 2, 2, 3))
+        parts[:, 0, 0, 0], parts[:, 0, 0, 1] = self._sign[rows], self._offset[rows]
+        sides = np.stack([self._position[rows], self._velocity[rows]], axis=1)
+        return RowParts(np.full(len(rows), LIMIT), sides, parts)
 
     def describe(self) -> str:
         """Return one line of `Problem.report()`, in words."""

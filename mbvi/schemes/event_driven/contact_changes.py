@@ -9,10 +9,10 @@ import numpy as np
 from ...projection import FreeMotion, Metric
 from ...system.system import Array
 from .few_rows import few_rows, held_rows
+from .finding.release_events import STAYS, complementarity
 from .friction import changes
 from .impact_event import ImpactEvent
 from .motion_state import NO_ROWS, MotionState, certain_rates
-from .release_events import STAYS, complementarity
 from .runge_kutta import velocity_change
 
 # height of a bounce that is put to rest, in lengths of the scene

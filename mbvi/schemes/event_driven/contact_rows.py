@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...constraints import AdmissibleSet, ConstraintFamily, RowTable
+from ...constraints.mechanism.held_rows import RowParts, unknown_parts
 from ...constraints.pair_features import FeatureRows
 from ...constraints.rows import Array, Rows
 from ...constraints.tangents import Tangents
@@ -171,6 +172,11 @@ class SmoothRows:
         if unknown.any():
             bias[unknown] = self._difference(lambda place: self.gradients(t, place, index[unknown]), q, v)
         return bias
+
+    def parts(self, index: Array) -> RowParts:
+        """Return what some rows in ascending order are, for kernels."""
+        found = [family.row_parts(rows) for family, rows in self._split(index)]
+        return RowParts(*map(np.concatenate, zip(unknown_parts(0), *found, strict=True)))
 
     def rows(self, t: float, q: Array, index: Array) -> Rows:
         """Return some rows in ascending order with their tangents, as schemes of fixed steps have them."""

@@ -13,12 +13,12 @@ from ...projection import Projector
 from ...system.system import Array
 from .contact_changes import change_contacts, touching_rows
 from .fallback import STEP, bounce, fall_back
-from .feature_events import drop_features, first_feature_change
+from .finding.feature_events import drop_features, first_feature_change
+from .finding.release_events import first_release
 from .friction.events import first_mode_end
 from .friction.forces import contact_forces
 from .impact_event import ImpactEvent
 from .motion_state import NO_ROWS, MotionState
-from .release_events import first_release
 from .runge_kutta import RungeKuttaStep
 
 # largest error of one step, relative to the tolerance

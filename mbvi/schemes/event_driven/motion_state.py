@@ -9,8 +9,8 @@ from ...projection import Projector
 from ...system.lengths import velocity_units
 from ...system.system import Array
 from ..step import Step
-from .closing_events import ClosingEvents
 from .contact_rows import SmoothRows
+from .finding.closing_events import ClosingEvents
 from .friction.modes import ContactModes
 from .observed import ContactObserver
 from .runge_kutta import Flow, velocity_change
@@ -72,7 +72,8 @@ class MotionState:
         self.system.start()
         self.t, self.q, self.v = problem.t0, problem.q0.copy(), problem.v0.copy()
         self.rows = SmoothRows(problem.constraints, self.t, self.q, problem.length)
-        self.flow, self.closing = Flow(problem, self.rows), ClosingEvents(self.system, self.rows)
+        self.flow = Flow(problem, self.rows)
+        self.closing = ClosingEvents(self.system, self.rows, self.flow.kernels)
         self.units = velocity_units(self.system, problem.length)
         slow = _SLOW * problem.length
         self.modes = ContactModes(self.flow, self.rows, slow) if problem.constraints.frictional else None

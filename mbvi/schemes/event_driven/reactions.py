@@ -10,9 +10,9 @@ import numpy as np
 from ...projection import Projector
 from ..contact_friction import friction_of
 from ..step import closes, still_rates
+from .finding.release_events import complementarity
 from .friction.forces import contact_forces
 from .motion_state import MotionState
-from .release_events import complementarity
 from .runge_kutta import RungeKuttaStep
 
 # Gauss's nodes and weights on a step: exact for polynomials of degree seven, the degree of the dense output

@@ -10,11 +10,14 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from scipy.linalg import lapack
 
+from ...compiled import plain_array
+from ...constraints.mechanism.held_rows import HeldRows, write_scales
 from ...problem import Problem
 from ...projection import Metric
 from ...system import System
 from ...system.system import Array
 from .contact_rows import SmoothRows
+from .stages import SmoothMotion, accelerate, margins_along, stages_of, take_stages
 
 # singular values of the Delassus matrix below this count as zero
 DEPENDENT = 1e-10
@@ -142,6 +145,8 @@ class Flow:
     ----------
     modes : Modes or None
         Modes of closed contacts; None where the problem has no friction.
+    kernels : MechanismStages or None
+        What takes the stages of one mechanism.
 
     Notes
     -----
@@ -154,6 +159,7 @@ class Flow:
         from scipy.integrate import DOP853
 
         self.system, self.rows = problem.system, rows
+        self.kernels = stages_of(problem.system, rows)
         self.modes: Modes | None = None
         n = DOP853.n_stages
         # the stages, the result, which is the first stage of the next step, and those of the dense output
@@ -167,6 +173,13 @@ class Flow:
 
     def contact_equations(self, t: float, q: Array, v: Array, closed: Array) -> ContactEquations:
         """Return what decides on the accelerations of closed rows."""
+        found = self._accelerate(t, q, v, closed)
+        if found is not None:
+            motion, held = found
+            scale = np.empty(len(closed))
+            write_scales(held, motion.free, scale)
+            free, J, wanted = motion.free.copy(), held.rows[len(v) :].copy(), held.wanted.copy()
+            return ContactEquations(free, self.system.metric(q), J, wanted, scale)
         unheld = self.system.unheld_acceleration(t, q, v)
         free = self.system.held_acceleration(q, v, unheld)
         J, wanted = self.rows.gradients(t, q, closed), -self.rows.bias(t, q, v, closed)
@@ -179,21 +192,24 @@ class Flow:
 
         The error of both is controlled: closed contacts keep bodies in place and would hide how their forces vary.
         """
+        if closed.size and self.modes is not None:
+            return self.modes.acceleration(t, q, v, closed)
+        found = self._accelerate(t, q, v, closed)
+        if found is not None:
+            motion, _ = found
+            return np.concatenate([motion.kept, motion.free]) if closed.size else motion.free.copy()
         if not closed.size:
             return self.system.acceleration(t, q, v)
-        if self.modes is not None:
-            return self.modes.acceleration(t, q, v, closed)
         free, metric, J, wanted, _ = self.contact_equations(t, q, v, closed)
         return np.concatenate([free + velocity_change(metric, J, wanted - J @ free), free])
 
     def step(self, t: float, q: Array, v: Array, a: Array, h: float, closed: Array) -> RungeKuttaStep:
         """Take one step of length h from (t, q, v), where `acceleration` is a."""
-        nv, n, weights = len(v), self._stages, h * self._weights
+        nv, n = len(v), self._stages
         # `RungeKuttaStep.rates`
         K = np.empty((n + 4, nv + len(a)))
         K[0, :nv], K[0, nv:] = v, a
-        for i in range(1, n + 1):
-            q1, v1 = self._stage(t, q, v, h, K, weights, i, closed)
+        q1, v1 = self._take(t, q, v, h, K, 1, n + 1, closed)
         travel = _MARGIN * abs(h) * np.abs(K[: n + 1, :nv]).max(axis=0)
         fifth, third = np.abs(h * self._error_weights.dot(K[: n + 1]))
         both = np.sqrt(fifth**2 + 0.01 * third**2)
@@ -203,11 +219,59 @@ class Flow:
 
     def with_dense_output(self, step: RungeKuttaStep, closed: Array) -> RungeKuttaStep:
         """Return the step with its dense output."""
-        t, h, q, v, K = step.t, step.h, step.q0, step.v0, step.rates
-        weights = h * self._weights
-        for i in range(self._stages + 1, len(K)):
-            self._stage(t, q, v, h, K, weights, i, closed)
+        v, K = step.v0, step.rates
+        self._take(step.t, step.q0, v, step.h, K, self._stages + 1, len(K), closed)
         return step._replace(dense=K[:, : 2 * len(v)].T.dot(self._dense_weights).reshape(2, len(v), DEGREE))
+
+    def _constant(self, closed: Array) -> tuple[SmoothMotion, HeldRows] | None:
+        """Return the records of motion with some closed rows if no control acts and kernels know all, else None."""
+        if self.kernels is None or not self.kernels.unforced or (closed.size and self.modes is not None):
+            return None
+        held = self.kernels.held(closed)
+        return None if held is None else (self.kernels.motion, held)
+
+    def _accelerate(self, t: float, q: Array, v: Array, closed: Array) -> tuple[SmoothMotion, HeldRows] | None:
+        """Compute accelerations by a kernel; return its records, or None where it does not know all that it needs."""
+        held = None if self.kernels is None else self.kernels.held(closed)
+        if self.kernels is None or held is None:
+            return None
+        motion = self.kernels.motion
+        motion.torque[:] = self.system.torque(t, q, v)
+        accelerate(motion, held, plain_array(q), plain_array(v))
+        return motion, held
+
+    def force_margins(self, step: RungeKuttaStep, closed: Array, shares: Array, margin: float) -> Array:
+        """Return the forces of closed contacts, if none may open, at n shares of a step, shape (n, k).
+
+        They are accelerations, plus a margin relative to the terms of these.
+        """
+        found, out = self._constant(closed), np.empty((len(shares), len(closed)))
+        if found is not None:
+            margins_along(*found, step.dense, step.h, shares, step.q0, step.v0, margin, out)
+            return out
+        for i, share in enumerate(shares.tolist()):
+            q, v = step.at(self.system, share)
+            free, metric, J, wanted, scale = self.contact_equations(step.t + share * step.h, q, v, closed)
+            G = J @ metric.solve_rows(J).T
+            out[i] = least_percussion(G, wanted - J @ free) * G.diagonal() + margin * scale
+        return out
+
+    def _take(
+        self, t: float, q: Array, v: Array, h: float, K: Array, first: int, end: int, closed: Array
+    ) -> tuple[Array, Array]:
+        """Write rows `first` to `end` - 1 of K, the rates of these stages; return the last one's q and v."""
+        found = self._constant(closed)
+        if found is not None:
+            motion, held = found
+            take_stages(motion, held, self._weights, h, first, end, q, v, K)
+            place = motion.q.copy()
+            # read-only, so that results computed for this array remain valid
+            place.setflags(write=False)
+            return place, motion.v.copy()
+        weights = h * self._weights
+        for i in range(first, end):
+            place, speed = self._stage(t, q, v, h, K, weights, i, closed)
+        return place, speed
 
     def _stage(
         self, t: float, q: Array, v: Array, h: float, K: Array, weights: Array, i: int, closed: Array

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mbvi.schemes.event_driven.root_finding import first_root
+from mbvi.schemes.event_driven.finding.root_finding import first_root
 
 waves = st.lists(
     st.tuples(st.floats(-1, 1), st.floats(0, 25), st.floats(0, 6.3)), min_size=1, max_size=4
@@ -13,7 +13,10 @@ waves = st.lists(
 
 
 def found(*functions):
-    return first_root(lambda x, index: np.array([functions[k](x) for k in index]), np.full(len(functions), np.inf))
+    def values(places, index):
+        return np.array([[functions[k](x) for k in index] for x in places])
+
+    return first_root(values, np.full(len(functions), np.inf))
 
 
 def wave(terms):

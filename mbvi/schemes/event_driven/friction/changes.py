@@ -8,9 +8,9 @@ from ....projection import FreeMotion, Metric
 from ....system.system import Array
 from ...contact_friction import friction_of
 from ...step import Step, law
+from ..finding.release_events import STAYS
 from ..impact_event import ImpactEvent
 from ..motion_state import MotionState
-from ..release_events import STAYS
 from ..runge_kutta import velocity_change
 from .decision import decide
 from .modes import STILL, ContactModes

@@ -10,7 +10,7 @@ from ....errors import ProjectionError
 from ....projection.coulomb.friction import project_frictional
 from ....projection.coulomb.newton import OPEN, STICK
 from ....system.system import Array
-from ..release_events import OPENS
+from ..finding.release_events import OPENS
 from .modes import ModeEquations
 
 # the velocity of contacts that slide, over the largest acceleration: they go on sliding in any case

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ....system.system import Array
-from ..release_events import OPENS, first_end
-from ..root_finding import first_root
+from ..finding.release_events import OPENS, first_end
+from ..finding.root_finding import first_root
 from ..runge_kutta import RungeKuttaStep
 from .decision import decide
 from .modes import ContactModes
@@ -29,7 +29,11 @@ def first_mode_end(modes: ContactModes, step: RungeKuttaStep, closed: Array, sha
     every = np.arange(3 * k)
     # dependent contacts may share their forces otherwise than least squares do: of these the law alone knows
     watched = every[(margins(0.0, every) >= 0.0) | (every >= 2 * k)]
-    x, which = first_root(lambda x, of: margins(x, watched[of]), np.full(len(watched), np.inf))
+
+    def along(x: Array, of: Array) -> Array:
+        return np.array([margins(each, watched[of]) for each in x.tolist()])
+
+    x, which = first_root(along, np.full(len(watched), np.inf))
     if x < 1.0 and watched[which] >= 2 * k:
         modes.stopped, share = int(watched[which]) - 2 * k, x * share
         found = share

@@ -6,12 +6,14 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ...system import System
-from ...system.system import Array
-from .contact_rows import SmoothRows
+from ....system import System
+from ....system.system import Array
+from ..contact_rows import SmoothRows
+from ..runge_kutta import RungeKuttaStep
+from ..stages import MechanismStages, gaps_along
 from .root_finding import FEW_NODES, first_root
-from .runge_kutta import RungeKuttaStep
 
+_END = np.ones(1)
 GapFunction = Callable[[float, Array, Array], Array]
 
 
@@ -24,6 +26,8 @@ class ClosingEvents:
         The system that moves.
     rows : SmoothRows
         The rows of its constraints.
+    kernels : MechanismStages or None
+        What measures many of them at many places, if the system is one mechanism.
 
     Attributes
     ----------
@@ -31,15 +35,18 @@ class ClosingEvents:
         Greatest depths of open contacts and limits at the end of the last step [m, and m or rad].
     """
 
-    def __init__(self, system: System, rows: SmoothRows) -> None:
-        self._system, self._rows = system, rows
+    def __init__(self, system: System, rows: SmoothRows, kernels: MechanismStages | None) -> None:
+        self._system, self._rows, self._kernels = system, rows, kernels
+        self._known = np.zeros(len(rows.all), bool) if kernels is None else kernels.known
+        # all points of a shape have the same reach
+        self._reach, self._which = np.unique(rows.reach, axis=0, return_inverse=True)
         # a lower bound of each gap at the end of the last step; -inf where it is unknown
         self._bounds = np.full(len(rows.all), -np.inf)
         self.depth = np.zeros(2)
 
     def first(self, step: RungeKuttaStep, closed: Array) -> tuple[float, Array]:
         """Return the share of a step at which the first open row closes, and which: 1 and none if none does."""
-        fall = _largest_fall(self._rows.reach, step.travel)
+        fall = _largest_fall(self._reach, step.travel)[self._which]
         bounds = self._bounds - fall
         candidates = (~(bounds > 0.0)).nonzero()[0]
         if closed.size:
@@ -49,7 +56,7 @@ class ClosingEvents:
             self._bounds = bounds
             return 1.0, candidates
         start = self._start(step, candidates)
-        end = self._rows.lower_bounds(step.t + step.h, step.q, candidates)
+        end = self._along(step, _END, candidates, self._rows.lower_bounds)[0]
         bounds[candidates] = end
         self.depth = self._rows.depths(candidates, end)
         # a gap that reaches zero within the step changes by at least the sum of its values at both ends
@@ -98,7 +105,7 @@ class ClosingEvents:
         end, fall : ndarray, shape (k,)
             Lower bounds of their gaps at its end, and bounds of by how much their gaps fall within it.
         """
-        bounds = np.array([*(self._at(step, x, suspects, self._rows.lower_bounds) for x in FEW_NODES[:-1]), end])
+        bounds = np.vstack([self._along(step, FEW_NODES[:-1], suspects, self._rows.lower_bounds), end])
         # the same test between every two neighbouring nodes
         part = np.diff(FEW_NODES)[:, None] * fall
         near = ~(bounds[1:] + bounds[:-1] > part).all(axis=0)
@@ -110,20 +117,31 @@ class ClosingEvents:
         # closes where its gap falls below that
         margin = self._rows.rounding[suspects] + np.maximum(-bounds[0, near], 0.0)
 
-        def gaps(x: float, of: Array) -> Array:
-            return self._at(step, x, suspects[of], self._rows.gaps) + margin[of]
+        def gaps(x: Array, of: Array) -> Array:
+            return self._along(step, x, suspects[of], self._rows.gaps) + margin[of]
 
         # the lower bounds are values of the gaps only where no separating axis is used, as for smooth rows
-        known = bounds[:, near] + margin if self._rows.smooth[suspects].all() else None
+        known = np.where(self._rows.smooth[suspects], bounds[:, near] + margin, np.nan)
         # values at a few nodes may not show that a body passes through another within the step
         steepest = np.where(fall[near] > self._rows.thickness[suspects], fall[near], np.inf)
         share, k = first_root(gaps, steepest, known)
         return share, suspects[k : k + 1] if share < 1.0 else suspects[:0]
 
-    def _at(self, step: RungeKuttaStep, share: float, index: Array, gaps: GapFunction) -> Array:
-        """Return gaps, or lower bounds, of some rows at a share of the step."""
-        q = step.at(self._system, share)[0] if share < 1.0 else step.q
-        return gaps(step.t + share * step.h, q, index)
+    def _along(self, step: RungeKuttaStep, shares: Array, index: Array, gaps: GapFunction) -> Array:
+        """Return gaps, or lower bounds, of some rows at n shares of the step, shape (n, k)."""
+        known, found = self._known[index], np.empty((len(shares), len(index)))
+        if self._kernels is not None and known.any():
+            measured = np.empty((len(shares), np.count_nonzero(known)))
+            of = self._kernels.motion, self._kernels.parts, index[known]
+            gaps_along(*of, step.dense, step.h, shares, step.q0, step.v0, measured)
+            if known.all():
+                return measured
+            found[:, known] = measured
+        rest = index[~known]
+        for i, share in enumerate(shares.tolist()):
+            q = step.at(self._system, share)[0] if share < 1.0 else step.q
+            found[i, ~known] = gaps(step.t + share * step.h, q, rest)
+        return found
 
 
 def _largest_fall(reach: Array, travel: Array) -> Array:

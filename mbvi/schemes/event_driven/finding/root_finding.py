@@ -12,9 +12,9 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from ...system.system import Array
+from ....system.system import Array
 
-Values = Callable[[float, Array], Array]
+Values = Callable[[Array, Array], Array]
 
 # the error of an interpolant is bounded by this factor times its last two coefficients, and by rounding
 _ERROR_FACTOR, _ROUNDING = 4.0, 1e-15
@@ -74,40 +74,47 @@ def first_root(values: Values, steepest: Array, known: Array | None = None) -> t
     Parameters
     ----------
     values : callable
-        values(x, index) -> the functions of that index at x.
+        values(x, index) -> the k functions of that index at n places x, shape (n, k).
     steepest : ndarray, shape (k,)
         A bound of how fast each falls; infinite for functions that are smooth enough for interpolants.
     known : ndarray, shape (5, k), optional
-        Their values at `FEW_NODES`.
+        Their values at `FEW_NODES`; NaN of a function for which they are not known.
     """
     best, which = 1.0, -1
     for k, x in _roots(values, np.flatnonzero(np.isinf(steepest)), known):
         if x < best:
             best, which = x, k
     for k in np.flatnonzero(np.isfinite(steepest)).tolist():
-        x = first_root_by_slope(_single(values, k), best, float(steepest[k]))
+        x = first_root_by_slope(_at_one_place(_single(values, k)), best, float(steepest[k]))
         if x < best:
             best, which = x, k
     return best, which
 
 
-def _single(values: Values, k: int) -> Callable[[float], float]:
+def _single(values: Values, k: int) -> Callable[[Array], Array]:
     own = np.array([k])
-    return lambda x: float(values(x, own)[0])
+    return lambda x: values(x, own)[:, 0]
+
+
+def _at_one_place(value: Callable[[Array], Array]) -> Callable[[float], float]:
+    return lambda x: float(value(np.array([x]))[0])
 
 
 def _roots(values: Values, index: Array, known: Array | None) -> Iterator[tuple[int, float]]:
     """Yield functions and their roots, the function that may have the earliest root first."""
     if not index.size:
         return
-    coarse = np.array([values(x, index) for x in FEW_NODES.tolist()]) if known is None else known[:, index]
+    coarse = np.full((len(FEW_NODES), len(index)), np.nan) if known is None else known[:, index]
+    unknown = np.isnan(coarse[0])
+    if unknown.any():
+        coarse[:, unknown] = values(FEW_NODES, index[unknown])
     suspect = _COARSE.soonest(coarse) < np.inf
     index = index[suspect]
     if not index.size:
         return
     fine = np.empty((len(_FINE.nodes), len(index)))
     # every other node is a node of the coarser interpolant
-    fine[::2], fine[1::2] = coarse[:, suspect], [values(x, index) for x in _FINE.nodes[1::2].tolist()]
+    fine[::2], fine[1::2] = coarse[:, suspect], values(_FINE.nodes[1::2].copy(), index)
     soonest, best = _FINE.soonest(fine), 1.0
     for k in np.argsort(soonest, kind="stable").tolist():
         if soonest[k] >= best:
@@ -118,10 +125,10 @@ def _roots(values: Values, index: Array, known: Array | None) -> Iterator[tuple[
             yield int(index[k]), x
 
 
-def _root(value: Callable[[float], float], low: float, high: float, known: Array | None, halved: int) -> float | None:
+def _root(value: Callable[[Array], Array], low: float, high: float, known: Array | None, halved: int) -> float | None:
     """Return the first root of one function in an interval, or None."""
     if known is None:
-        known = np.array([value(x) for x in (low + (high - low) * _FINE.nodes).tolist()])
+        known = value(low + (high - low) * _FINE.nodes)
         if _FINE.soonest(known[:, None])[0] == np.inf:
             return None
     error = float(_FINE.error(known[:, None])[0])

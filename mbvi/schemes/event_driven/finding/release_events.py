@@ -7,10 +7,10 @@ from functools import partial
 
 import numpy as np
 
-from ...projection import Projector
-from ...system.system import Array
+from ....projection import Projector
+from ....system.system import Array
+from ..runge_kutta import Flow, RungeKuttaStep
 from .root_finding import first_root
-from .runge_kutta import Flow, RungeKuttaStep, least_percussion
 
 # relative acceleration above which a closed contact opens, and below which a contact without a force stays closed; the
 # second is smaller, because otherwise a contact that has just opened could be closed again
@@ -33,7 +33,11 @@ def first_release(flow: Flow, projector: Projector, step: RungeKuttaStep, closed
     """Return the share of a step at which a closed contact is released; 1 if none is released before `share`."""
     if not closed.size:
         return 1.0
-    x, _ = first_root(lambda x, of: _forces(flow, step, closed, x * share)[of], np.full(len(closed), np.inf))
+
+    def forces(x: Array, of: Array) -> Array:
+        return flow.force_margins(step, closed, share * x, OPENS)[:, of]
+
+    x, _ = first_root(forces, np.full(len(closed), np.inf))
     if x == 1.0:
         return 1.0
     return first_end(partial(_all_stay, flow, projector, step, closed), x * share, share)
@@ -66,14 +70,6 @@ def first_end(stay: Callable[[float], bool], low: float, share: float) -> float:
             low, high = (middle, high) if stay(middle) else (low, middle)
         return float(high)
     return 1.0
-
-
-def _forces(flow: Flow, step: RungeKuttaStep, closed: Array, share: float) -> Array:
-    """Return the forces of closed contacts, if none may open, as accelerations plus a margin for rounding."""
-    q, v = step.at(flow.system, share)
-    free, metric, J, wanted, scale = flow.contact_equations(step.t + share * step.h, q, v, closed)
-    G = J @ metric.solve_rows(J).T
-    return np.asarray(least_percussion(G, wanted - J @ free) * G.diagonal() + OPENS * scale)
 
 
 def _all_stay(flow: Flow, projector: Projector, step: RungeKuttaStep, closed: Array, share: float) -> bool:

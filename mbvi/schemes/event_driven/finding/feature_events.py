@@ -6,9 +6,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ...system.system import Array
-from .motion_state import NO_ROWS, MotionState
-from .runge_kutta import RungeKuttaStep
+from ....system.system import Array
+from ..motion_state import NO_ROWS, MotionState
+from ..runge_kutta import RungeKuttaStep
 
 # shares of a step at which features are compared, and how near to the change, in roundings of gaps, the search ends
 _NODES, _NEAR = (0.5, 1.0), 3.0

@@ -1,0 +1,108 @@
+"""Kernels of rows that keep their features: a vertex on a face, or an edge across an edge."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..compiled import kernel
+from ..system.mechanisms.frames import cross_product, turned
+
+Array = np.ndarray
+
+# which features touch: a vertex of the first shape and a face of the second, the reverse, or two edges
+VERTEX_FACE, FACE_VERTEX, EDGES = range(3)
+
+
+@kernel("f8(i8, f8[:,:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1])")
+def touch(
+    kind: int, parts: Array, first: Array, second: Array, along: Array, point: Array, normal: Array
+) -> float:  # fmt: skip
+    """Write where two features touch; return their gap [m].
+
+    Parameters
+    ----------
+    kind : int
+        Which features touch.
+    parts : ndarray, shape (2, 2, 3)
+        A point and a direction on either body, in its frame; see `FeatureRows`.
+    first, second : ndarray, shape (4, 3)
+        Placements of the bodies.
+    along : ndarray, shape (2, 3)
+        Receives the directions in the world.
+    point, normal : ndarray, shape (3,)
+        Receive the contact point, and the normal from the first to the second body.
+    """
+    along[0, 0], along[0, 1], along[0, 2] = turned(first, parts[0, 1, 0], parts[0, 1, 1], parts[0, 1, 2])
+    along[1, 0], along[1, 1], along[1, 2] = turned(second, parts[1, 1, 0], parts[1, 1, 1], parts[1, 1, 2])
+    a, b, c = turned(first, parts[0, 0, 0], parts[0, 0, 1], parts[0, 0, 2])
+    x, y, z = turned(second, parts[1, 0, 0], parts[1, 0, 1], parts[1, 0, 2])
+    a, b, c = a + first[3, 0], b + first[3, 1], c + first[3, 2]
+    x, y, z = x + second[3, 0] - a, y + second[3, 1] - b, z + second[3, 2] - c
+    if kind == EDGES:
+        d, e = along[0], along[1]
+        n0, n1, n2 = cross_product(d[0], d[1], d[2], e[0], e[1], e[2])
+        square = n0 * n0 + n1 * n1 + n2 * n2
+        s0, s1, s2 = cross_product(x, y, z, e[0], e[1], e[2])
+        # the nearest point of the first line
+        share, size = (s0 * n0 + s1 * n1 + s2 * n2) / square, np.sqrt(square)
+        normal[0], normal[1], normal[2] = n0 / size, n1 / size, n2 / size
+        point[0], point[1], point[2] = a + share * d[0], b + share * d[1], c + share * d[2]
+    else:
+        side, moved = (1, 0.0) if kind == VERTEX_FACE else (0, 1.0)
+        normal[0], normal[1], normal[2] = along[side, 0], along[side, 1], along[side, 2]
+        point[0], point[1], point[2] = a + moved * x, b + moved * y, c + moved * z
+    return normal[0] * x + normal[1] * y + normal[2] * z
+
+
+@kernel("void(i8[::1], f8[:,:,:,::1], f8[:,:,:,::1], f8[:,:,::1], f8[::1], f8[:,::1], f8[:,::1])")
+def touch_each(
+    kind: Array, parts: Array, places: Array, along: Array, gap: Array, point: Array, normal: Array
+) -> None:  # fmt: skip
+    """Write `touch` of several rows: placements (k, 2, 4, 3), directions (k, 2, 3), gaps (k,), the others (k, 3)."""
+    for i in range(len(kind)):
+        gap[i] = touch(kind[i], parts[i], places[i, 0], places[i, 1], along[i], point[i], normal[i])
+
+
+@kernel("f8(i8, f8[::1], f8[:,::1], f8[:,::1], f8, f8, f8)")
+def turning_bias(kind: int, n: Array, along: Array, turning: Array, x: float, y: float, z: float) -> float:
+    """Return what the turning of features adds to (dJ/dt) v of their distance.
+
+    Parameters
+    ----------
+    kind : int
+        Which features touch.
+    n : ndarray, shape (3,)
+        The normal.
+    along, turning : ndarray, shape (2, 3)
+        Directions of the features and their rates of change.
+    x, y, z : float
+        Velocity of the second body relative to the first where they touch.
+    """
+    if kind != EDGES:
+        # the normal turns with the body that has the face
+        change = turning[1 if kind == VERTEX_FACE else 0]
+        return 2.0 * (change[0] * x + change[1] * y + change[2] * z)
+    d, e, dd, de = along[0], along[1], turning[0], turning[1]
+    a, b, c = cross_product(d[0], d[1], d[2], e[0], e[1], e[2])
+    size = np.sqrt(a * a + b * b + c * c)
+    r0, r1, r2 = cross_product(dd[0], dd[1], dd[2], e[0], e[1], e[2])
+    a, b, c = cross_product(d[0], d[1], d[2], de[0], de[1], de[2])
+    r0, r1, r2 = (r0 + a) / size, (r1 + b) / size, (r2 + c) / size
+    a, b, c = cross_product(x, y, z, e[0], e[1], e[2])
+    # the contact point moves along both edges
+    first = (a * n[0] + b * n[1] + c * n[2]) / size
+    a, b, c = cross_product(x, y, z, d[0], d[1], d[2])
+    second = (a * n[0] + b * n[1] + c * n[2]) / size
+    along_n = r0 * n[0] + r1 * n[1] + r2 * n[2]
+    bias = (r0 - along_n * n[0]) * x + (r1 - along_n * n[1]) * y + (r2 - along_n * n[2]) * z
+    for k in range(3):
+        bias += n[k] * (second * de[k] - first * dd[k])
+    return bias
+
+
+@kernel("void(i8[::1], f8[:,::1], f8[:,:,::1], f8[:,:,::1], f8[:,::1], f8[::1])")
+def add_turning_biases(kind: Array, n: Array, along: Array, turning: Array, sliding: Array, bias: Array) -> None:
+    """Add `turning_bias` of several rows to `bias`, shape (k,); normals and velocities have shape (k, 3)."""
+    for i in range(len(kind)):
+        s = sliding[i]
+        bias[i] += turning_bias(kind[i], n[i], along[i], turning[i], s[0], s[1], s[2])

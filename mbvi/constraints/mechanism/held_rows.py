@@ -1,0 +1,237 @@
+"""Kernels of rows of one mechanism: gaps, gradients, (dJ/dt) v, and the accelerations that keep rows closed."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...compiled import kernel, record
+from ...projection.tree_factor import least_change, span_equalities, squared
+from ...system.mechanisms.frames import cross_product
+from ...system.mechanisms.joint_tree import JointTree
+from ...system.mechanisms.mechanism import Mechanism
+from ...system.mechanisms.separation import row
+from ..feature_kernels import touch, turning_bias
+
+Array = np.ndarray
+
+# beside the kinds of features: a limit of a joint, and what these kernels do not know
+LIMIT, UNKNOWN = 3, -1
+# part of a whitened row that others must leave of it; with less the row depends on them
+_DEPENDENT = 1e-5
+# accelerations below this are denormal numbers and count as zero
+_DENORMAL = 1e-290
+
+
+@record("i8[::1], i8[:,::1], f8[:,:,:,::1]")
+class RowParts(NamedTuple):
+    """What k rows are.
+
+    Attributes
+    ----------
+    kind : ndarray of int, shape (k,)
+        A kind of features, `LIMIT` or `UNKNOWN`.
+    sides : ndarray of int, shape (k, 2)
+        Both bodies; of a limit where the joint stands in q and in v.
+    parts : ndarray, shape (k, 2, 2, 3)
+        See `FeatureRows`; of a limit the first numbers are the sign and the offset of its gap.
+    """
+
+    kind: Array
+    sides: Array
+    parts: Array
+
+
+@record(
+    "i8[::1], i8[:,::1], f8[:,:,:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1],"
+    " f8[::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1]"
+)
+class HeldRows(NamedTuple):
+    """Rows that stay closed, k of them, with room for results; for one thread at a time.
+
+    Attributes
+    ----------
+    kind, sides, parts
+        See `RowParts`.
+    rows : ndarray, shape (nv + k, nv)
+        Gradients, behind rows that are not used: what `span_equalities` takes.
+    L : ndarray, shape (nv + k, nv)
+        The factor of M, and behind it an orthonormal basis of the whitened gradients.
+    R, S : ndarray, shape (k, k)
+        See `span_equalities`, and room.
+    wanted, missing, force, part : ndarray, shape (k,)
+        The values of J a that keep the rows closed, the same less those without forces, forces, and room.
+    along, turning : ndarray, shape (2, 3)
+        Directions of the features that were evaluated last, and their rates.
+    point, normal : ndarray, shape (3,)
+        Where they touch.
+    """
+
+    kind: Array
+    sides: Array
+    parts: Array
+    rows: Array
+    L: Array
+    R: Array
+    S: Array
+    wanted: Array
+    missing: Array
+    force: Array
+    part: Array
+    along: Array
+    turning: Array
+    point: Array
+    normal: Array
+
+
+def held_rows_of(parts: RowParts, nv: int) -> HeldRows:
+    """Return the record of some rows of a mechanism with nv velocities."""
+    k = len(parts.kind)
+    matrices = *np.zeros((2, nv + k, nv)), *np.zeros((2, k, k))
+    return HeldRows(*parts, *matrices, *np.zeros((4, k)), *np.zeros((2, 2, 3)), *np.zeros((2, 3)))
+
+
+def unknown_parts(count: int) -> RowParts:
+    """Return what some rows are of which kernels know nothing."""
+    return RowParts(np.full(count, UNKNOWN), np.zeros((count, 2), np.int64), np.zeros((count, 2, 2, 3)))
+
+
+@kernel("void(Mechanism, RowParts, i8[::1], f8[::1], f8[::1])")
+def write_gaps_of(m: Mechanism, rows: RowParts, index: Array, q: Array, gap: Array) -> None:
+    """Write the gaps of some of the rows, shape (k,), at q, where the mechanism is placed."""
+    along, both = np.empty((2, 3)), np.empty((2, 3))
+    for i in range(len(index)):
+        r = index[i]
+        first, second, part = rows.sides[r, 0], rows.sides[r, 1], rows.parts[r]
+        if rows.kind[r] == LIMIT:
+            gap[i] = part[0, 0, 0] * q[first] + part[0, 0, 1]
+        else:
+            gap[i] = touch(rows.kind[r], part, m.poses[first], m.poses[second], along, both[0], both[1])
+
+
+@kernel("UniTuple(f8, 6)(JointTree, i8, f8[::1])")
+def point_motion(tree: JointTree, body: int, point: Array) -> tuple[float, float, float, float, float, float]:
+    """Return velocity and acceleration of a point of a body, shape (3,) in the world; the joints do not accelerate.
+
+    They are those of the last `write_effects`.
+    """
+    V, A, base, g = tree.twist[body], tree.rate[body], tree.base[body], tree.gravity
+    x, y, z = point[0] - base[0], point[1] - base[1], point[2] - base[2]
+    a, b, c = cross_product(V[3], V[4], V[5], x, y, z)
+    d, e, f = cross_product(A[3], A[4], A[5], x, y, z)
+    u, v, w = V[0] + a, V[1] + b, V[2] + c
+    a, b, c = cross_product(V[3], V[4], V[5], u, v, w)
+    return u, v, w, A[0] + g[0] + d + a, A[1] + g[1] + e + b, A[2] + g[2] + f + c
+
+
+@kernel("void(Mechanism, HeldRows)")
+def write_held(m: Mechanism, held: HeldRows) -> None:
+    """Write gradients and `wanted` where the mechanism is weighed and its nonlinear effects are evaluated."""
+    nv, along, turning = len(m.parent), held.along, held.turning
+    for i in range(len(held.kind)):
+        kind, first, second, J = held.kind[i], held.sides[i, 0], held.sides[i, 1], held.rows[nv + i]
+        if kind == LIMIT:
+            for k in range(nv):
+                J[k] = 0.0
+            J[second], held.wanted[i] = held.parts[i, 0, 0, 0], 0.0
+            continue
+        n = held.normal
+        touch(kind, held.parts[i], m.poses[first], m.poses[second], along, held.point, n)
+        row(m.columns, m.support[first], m.support[second], held.point, n, J)
+        a, b, c, d, e, f = point_motion(m.tree, first, held.point)
+        u, v, w, x, y, z = point_motion(m.tree, second, held.point)
+        for side in range(2):
+            turn, s = m.tree.twist[first if side == 0 else second], along[side]
+            turning[side, 0], turning[side, 1], turning[side, 2] = cross_product(
+                turn[3], turn[4], turn[5], s[0], s[1], s[2]
+            )
+        bias = (x - d) * n[0] + (y - e) * n[1] + (z - f) * n[2]
+        held.wanted[i] = -bias - turning_bias(kind, n, along, turning, u - a, v - b, w - c)
+
+
+@kernel("void(Mechanism, HeldRows, f8[::1], f8[::1])")
+def hold(m: Mechanism, held: HeldRows, free: Array, out: Array) -> None:
+    """Write the acceleration nearest to `free` in the kinetic metric that keeps the rows closed, shapes (nv,).
+
+    The rows are written and the factor of M is known; rows may depend on each other.
+    """
+    nv = len(free)
+    span_equalities(held.rows, m.parent, _DEPENDENT, held.L, held.R)
+    for i in range(len(held.kind)):
+        J, missing = held.rows[nv + i], held.wanted[i]
+        for k in range(nv):
+            missing -= J[k] * free[k]
+        held.missing[i] = missing
+        held.part[i] = -missing
+    least_change(held.L, m.parent, held.R, held.part, out)
+    for k in range(nv):
+        out[k] += free[k]
+
+
+@kernel("void(HeldRows)")
+def write_forces(held: HeldRows) -> None:
+    """Write the least forces that keep the rows closed, after `hold`."""
+    R, S, z, p, k = held.R, held.S, held.part, held.force, len(held.kind)
+    # J M^-1 J' = R R': first R z = missing, then the least p with R'p = z, which is R y with R'R y = z
+    for i in range(k):
+        z[i] = 0.0
+        if R[i, i] > 0.0:
+            z[i] = held.missing[i]
+            for j in range(i):
+                z[i] -= R[i, j] * z[j]
+            z[i] /= R[i, i]
+    independent = True
+    for i in range(k):
+        independent = independent and R[i, i] > 0.0
+    if independent:
+        for i in range(k - 1, -1, -1):
+            p[i] = z[i]
+            for j in range(i + 1, k):
+                p[i] -= R[j, i] * p[j]
+            p[i] /= R[i, i]
+        return
+    for i in range(k):
+        for j in range(i + 1):
+            S[i, j] = 0.0
+            for a in range(i, k):
+                S[i, j] += R[a, i] * R[a, j]
+            for a in range(j):
+                S[i, j] -= S[i, a] * S[j, a]
+            if i == j:
+                S[i, i] = np.sqrt(S[i, i]) if R[i, i] > 0.0 else 0.0
+            else:
+                S[i, j] = S[i, j] / S[j, j] if R[i, i] > 0.0 and R[j, j] > 0.0 else 0.0
+    for i in range(k):
+        if R[i, i] > 0.0:
+            for j in range(i):
+                z[i] -= S[i, j] * z[j]
+            z[i] /= S[i, i]
+    for i in range(k - 1, -1, -1):
+        if R[i, i] > 0.0:
+            for j in range(i + 1, k):
+                z[i] -= S[j, i] * z[j]
+            z[i] /= S[i, i]
+    for i in range(k):
+        p[i] = 0.0
+        for j in range(i + 1):
+            p[i] += R[i, j] * z[j]
+
+
+@kernel("void(HeldRows, f8[::1], f8[::1])")
+def write_scales(held: HeldRows, free: Array, scale: Array) -> None:
+    """Write the size of the terms of J a - wanted, shape (k,), where `free` is the acceleration without forces."""
+    nv = len(free)
+    for i in range(len(scale)):
+        scale[i] = abs(held.wanted[i]) + _DENORMAL
+        for k in range(nv):
+            scale[i] += abs(held.rows[nv + i, k]) * abs(free[k])
+
+
+@kernel("void(HeldRows, f8[::1], f8, f8[::1], f8[::1])")
+def force_margins(held: HeldRows, free: Array, margin: float, scale: Array, out: Array) -> None:
+    """Write the least forces as accelerations, plus a margin relative to the terms of these, shapes (k,)."""
+    write_forces(held)
+    write_scales(held, free, scale)
+    for i in range(len(out)):
+        out[i] = held.force[i] * squared(held.R[i]) + margin * scale[i]

@@ -1,0 +1,223 @@
+"""Stages of a Runge-Kutta step of one mechanism in one kernel, in flight or with rows that stay closed."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...compiled import held, kernel, record
+from ...constraints.mechanism.held_rows import (
+    UNKNOWN,
+    HeldRows,
+    RowParts,
+    force_margins,
+    held_rows_of,
+    hold,
+    write_gaps_of,
+    write_held,
+)
+from ...projection.tree import factor_mass
+from ...projection.tree_factor import unwhiten, whiten
+from ...system import System
+from ...system.mechanisms.articulated import ArticulatedSystem
+from ...system.mechanisms.chart import chart_rates
+from ...system.mechanisms.mechanism import Mechanism, evaluate_nonlinear_effects, place, weigh
+from ...system.mechanisms.pinocchio_address import retract
+from ...system.system import Array
+from .contact_rows import SmoothRows
+
+# most sets of closed rows whose records are kept
+_MOST_SETS = 1000
+
+
+@record("Mechanism, f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1]")
+class SmoothMotion(NamedTuple):
+    """A mechanism that moves smoothly under constant torques, with room; for one thread at a time.
+
+    Attributes
+    ----------
+    mechanism : Mechanism
+        What moves.
+    torque : ndarray, shape (nv,)
+        Torques [N, N m].
+    q : ndarray, shape (nq,)
+        The configuration of the last stage.
+    v, change, rate, free, kept : ndarray, shape (nv,)
+        Velocity of the last stage, its coordinates in the chart, the rate of these, accelerations without contact
+        forces and with them.
+    """
+
+    mechanism: Mechanism
+    torque: Array
+    q: Array
+    v: Array
+    change: Array
+    rate: Array
+    free: Array
+    kept: Array
+
+
+def smooth_motion(mechanism: Mechanism, nq: int, nv: int) -> SmoothMotion:
+    """Return the record of a mechanism."""
+    return SmoothMotion(mechanism, np.zeros(nv), np.zeros(nq), *np.zeros((5, nv)))
+
+
+@kernel("void(SmoothMotion, HeldRows, f8[::1], f8[::1])")
+def accelerate(s: SmoothMotion, held: HeldRows, q: Array, v: Array) -> None:
+    """Write the accelerations at (q, v); NaN where the mass matrix is not positive definite."""
+    m, free, kept, L = s.mechanism, s.free, s.kept, held.L
+    weigh(m, q)
+    evaluate_nonlinear_effects(m, q, v)
+    bad = factor_mass(m.mass, 0.0, m.damping, m.parent, L)
+    for k in range(len(v)):
+        free[k] = s.torque[k] - m.damping[k] * v[k] - m.effects[k] if bad == 0 else np.nan
+    whiten(L, m.parent, free)
+    unwhiten(L, m.parent, free)
+    if len(held.kind) > 0:
+        write_held(m, held)
+        hold(m, held, free, kept)
+    else:
+        for k in range(len(v)):
+            kept[k] = free[k]
+
+
+@kernel(
+    "void(SmoothMotion, HeldRows, f8[:,::1], f8, i8, i8, Array(f8, 1, 'C', True), Array(f8, 1, 'C', True), f8[:,::1])"
+)
+def take_stages(
+    s: SmoothMotion, held: HeldRows, weights: Array, h: float, first: int, end: int, q: Array, v: Array, K: Array
+) -> None:  # fmt: skip
+    """Write rows `first` to `end` - 1 of K, the rates of these stages; see `RungeKuttaStep.rates`.
+
+    Parameters
+    ----------
+    s, held
+        What moves, and the rows that stay closed.
+    weights : ndarray, shape (n, n)
+        Those of the rates of all stages in each.
+    h : float
+        Length of the step [s].
+    first, end : int
+        Which stages.
+    q, v : ndarray, shapes (nq,) and (nv,)
+        The state at the start of the step.
+    K : ndarray, shape (n, 2 nv) or (n, 3 nv)
+        Rates of the stages before; receives those of these.
+    """
+    nv = len(v)
+    for i in range(first, end):
+        for k in range(nv):
+            a = b = 0.0
+            for j in range(i):
+                w = weights[i, j]
+                if w != 0.0:
+                    a += w * K[j, k]
+                    b += w * K[j, nv + k]
+            s.change[k], s.v[k] = h * a, v[k] + h * b
+        retract(s.mechanism.calls, q, s.change, s.q)
+        chart_rates(s.mechanism.tree, s.change, s.v, s.rate)
+        accelerate(s, held, s.q, s.v)
+        for k in range(nv):
+            K[i, k], K[i, nv + k] = s.rate[k], s.kept[k]
+            if K.shape[1] > 2 * nv:
+                K[i, 2 * nv + k] = s.free[k]
+
+
+@kernel("void(SmoothMotion, f8[:,:,::1], f8, f8, Array(f8, 1, 'C', True), Array(f8, 1, 'C', True))")
+def state_at(s: SmoothMotion, dense: Array, h: float, share: float, q: Array, v: Array) -> None:
+    """Write the state at a share of a step of length h from (q, v), by its dense output, to the room of `s`."""
+    nv, degree = len(v), dense.shape[2]
+    for k in range(nv):
+        a = b = 0.0
+        for d in range(degree - 1, -1, -1):
+            a, b = (a + dense[0, k, d]) * share, (b + dense[1, k, d]) * share
+        s.change[k], s.v[k] = h * a, v[k] + h * b
+    retract(s.mechanism.calls, q, s.change, s.q)
+
+
+@kernel(
+    "void(SmoothMotion, HeldRows, f8[:,:,::1], f8, Array(f8, 1, 'C', True), Array(f8, 1, 'C', True),"
+    " Array(f8, 1, 'C', True), f8, f8[:,::1])"
+)
+def margins_along(
+    s: SmoothMotion, held: HeldRows, dense: Array, h: float, shares: Array, q: Array, v: Array, margin: float,
+    out: Array,
+) -> None:  # fmt: skip
+    """Write `force_margins` at n shares of a step, shape (n, k); see `state_at`."""
+    for i in range(len(shares)):
+        state_at(s, dense, h, shares[i], q, v)
+        accelerate(s, held, s.q, s.v)
+        force_margins(held, s.free, margin, held.part, out[i])
+
+
+@kernel(
+    "void(SmoothMotion, RowParts, i8[::1], f8[:,:,::1], f8, Array(f8, 1, 'C', True), Array(f8, 1, 'C', True),"
+    " Array(f8, 1, 'C', True), f8[:,::1])"
+)
+def gaps_along(
+    s: SmoothMotion, rows: RowParts, index: Array, dense: Array, h: float, shares: Array, q: Array, v: Array, out: Array
+) -> None:  # fmt: skip
+    """Write the gaps of some rows, shape (k,), at n shares of a step, shape (n, k); see `state_at`."""
+    for i in range(len(shares)):
+        state_at(s, dense, h, shares[i], q, v)
+        place(s.mechanism, s.q)
+        write_gaps_of(s.mechanism, rows, index, s.q, out[i])
+
+
+class MechanismStages:
+    """The kernels of this module for one mechanism, with the records that they take.
+
+    Parameters
+    ----------
+    system : ArticulatedSystem
+        What moves.
+    mechanism : Mechanism
+        A record of its own.
+    rows : SmoothRows
+        The rows of its constraints.
+
+    Attributes
+    ----------
+    motion : SmoothMotion
+        What moves; the room has the results of the last call.
+    parts, known : RowParts, and ndarray of bool, shape (m,)
+        What all rows are, and which of all rows kernels know.
+    """
+
+    def __init__(self, system: ArticulatedSystem, mechanism: Mechanism, rows: SmoothRows) -> None:
+        self._system, self._rows = system, rows
+        parts = rows.parts(rows.all)
+        self.parts, self.known = held(parts), parts.kind != UNKNOWN
+        self.motion: SmoothMotion = held(smooth_motion(mechanism, system.nq, system.nv))
+        self._sets: dict[bytes, HeldRows | None] = {}
+
+    @property
+    def unforced(self) -> bool:
+        """Whether no torques act that change within a step; those that act are then written."""
+        system = self._system
+        if system.control is not None or system.springs:
+            return False
+        self.motion.torque[:] = system.applied
+        return True
+
+    def held(self, closed: Array) -> HeldRows | None:
+        """Return the record of some closed rows, which the same rows share; None where kernels do not know one."""
+        key = closed.tobytes()
+        if key not in self._sets:
+            if len(self._sets) >= _MOST_SETS:
+                self._sets.clear()
+            parts = self._rows.parts(closed)
+            unknown = (parts.kind == UNKNOWN).any()
+            self._sets[key] = None if unknown else held(held_rows_of(parts, self._system.nv))
+        return self._sets[key]
+
+
+def stages_of(system: System, rows: SmoothRows) -> MechanismStages | None:
+    """Return the kernels for a system that is one mechanism of usual joints without equalities, else None."""
+    if not isinstance(system, ArticulatedSystem) or system.equalities:
+        return None
+    mechanism = system.mechanism()
+    if mechanism is None or not len(mechanism.tree.kind):
+        return None
+    return MechanismStages(system, mechanism, rows)

@@ -1,0 +1,164 @@
+"""Random arguments of the kernels that keep rows of a robot closed, and that take stages of its motion."""
+
+import numpy as np
+
+from mbvi.constraints.feature_kernels import EDGES, FACE_VERTEX, VERTEX_FACE
+from mbvi.constraints.mechanism.held_rows import LIMIT, RowParts, held_rows_of, hold, write_held
+from mbvi.schemes.event_driven.runge_kutta import DEGREE
+from mbvi.schemes.event_driven.stages import accelerate, smooth_motion
+from support.joint_tree_arguments import moved_model, tree_of
+from support.robot_arguments import moving_robot, unit
+
+
+def random_parts(rng, model, count):
+    """Features of two bodies each, and limits of joints with one velocity; one row may be there twice."""
+    kinds = np.array([VERTEX_FACE, FACE_VERTEX, EDGES, LIMIT])
+    single = [j for j in range(1, model.njoints) if model.nvs[j] == 1 and model.nqs[j] == 1]
+    kind = rng.choice(kinds if single else kinds[:3], size=count)
+    sides, parts = np.zeros((count, 2), np.int64), rng.normal(size=(count, 2, 2, 3))
+    parts[:, :, 1] = unit(rng, count, 2)
+    for i in range(count):
+        if kind[i] == LIMIT:
+            joint = int(rng.choice(single))
+            sides[i], parts[i, 0, 0, 0] = (model.idx_qs[joint], model.idx_vs[joint]), rng.choice([-1.0, 1.0])
+        else:
+            sides[i] = rng.permutation(model.njoints)[:2]
+    if count > 1 and rng.random() < 0.4:
+        kind[-1], sides[-1], parts[-1] = kind[0], sides[0], parts[0]
+    return RowParts(kind, sides, parts)
+
+
+def moving(rng):
+    """The record of a robot that moves, rows that stay closed, and a state."""
+    system, q, v = moving_robot(rng)
+    motion = smooth_motion(system.mechanism(), system.nq, system.nv)
+    motion.torque[:] = rng.normal(size=system.nv)
+    rows = held_rows_of(random_parts(rng, system.model, int(rng.integers(0, 5))), system.nv)
+    return system, motion, rows, np.array(q), v
+
+
+def _accelerated(rng):
+    system, motion, rows, q, v = moving(rng)
+    accelerate(motion, rows, q, v)
+    return system, motion, rows, q, v
+
+
+def _written(rng):
+    _, motion, rows, _, _ = _accelerated(rng)
+    rows.rows[len(motion.v) :] = np.nan
+    return motion.mechanism, rows
+
+
+def _held(rng):
+    _, motion, rows, _, _ = _accelerated(rng)
+    write_held(motion.mechanism, rows)
+    return motion.mechanism, rows, motion.free, np.full(len(motion.v), np.nan)
+
+
+def _forced(rng):
+    mechanism, rows, free, out = _held(rng)
+    hold(mechanism, rows, free, out)
+    return rows, free
+
+
+def _scales(rng):
+    rows, free = _forced(rng)
+    return rows, free, np.full(len(rows.kind), np.nan)
+
+
+def _margins(rng):
+    rows, free = _forced(rng)
+    return rows, free, 1e-9, *np.full((2, len(rows.kind)), np.nan)
+
+
+def _measured(rng):
+    system, motion, _, q, _ = _accelerated(rng)
+    parts = random_parts(rng, system.model, 5)
+    index = rng.permutation(5)[:3]
+    return motion.mechanism, parts, index, q, np.full(3, np.nan)
+
+
+def _point(rng):
+    _, motion, *_ = _accelerated(rng)
+    return motion.mechanism.tree, int(rng.integers(len(motion.mechanism.tree.kind))), rng.normal(size=3)
+
+
+def _stages(rng):
+    _, motion, rows, q, v = moving(rng)
+    nv, n = len(v), 4
+    K = rng.normal(size=(n, (3 if len(rows.kind) else 2) * nv))
+    return motion, rows, np.tril(rng.random((n, n)), -1), 0.1, 1, n, q, v, K
+
+
+def _along(rng):
+    _, motion, rows, q, v = moving(rng)
+    return motion, rows, rng.normal(size=(2, len(v), DEGREE)), 1e-2, rng.random(3), q, v
+
+
+def _margins_along(rng):
+    motion, rows, *rest = _along(rng)
+    return motion, rows, *rest, 1e-9, np.full((3, len(rows.kind)), np.nan)
+
+
+def _gaps_along(rng):
+    system, motion, _, q, v = moving(rng)
+    dense, index = rng.normal(size=(2, len(v), DEGREE)), rng.permutation(5)[:3]
+    return motion, random_parts(rng, system.model, 5), index, dense, 1e-2, rng.random(2), q, v, np.full((2, 3), np.nan)
+
+
+def _state(rng):
+    motion, _, dense, h, shares, q, v = _along(rng)
+    return motion, dense, h, float(shares[0]), q, v
+
+
+def _features(rng, count):
+    parts, places = rng.normal(size=(count, 2, 2, 3)), rng.normal(size=(count, 2, 4, 3))
+    return rng.integers(0, 3, size=count), parts, places, np.full((count, 2, 3), np.nan)
+
+
+def _touch(rng):
+    kind, parts, places, along = _features(rng, 1)
+    return int(kind[0]), parts[0], places[0, 0].copy(), places[0, 1].copy(), along[0], *np.full((2, 3), np.nan)
+
+
+def _touch_each(rng):
+    kind, parts, places, along = _features(rng, 4)
+    return kind, parts, places, along, np.full(4, np.nan), *np.full((2, 4, 3), np.nan)
+
+
+def _turning(rng):
+    kind, n, (along, turning) = int(rng.integers(0, 3)), unit(rng), rng.normal(size=(2, 2, 3))
+    return kind, n, along, turning, *rng.normal(size=3).tolist()
+
+
+def _turning_each(rng):
+    along, turning = rng.normal(size=(2, 3, 2, 3))
+    return rng.integers(0, 3, size=3), unit(rng, 3), along, turning, rng.normal(size=(3, 3)), rng.normal(size=3)
+
+
+def _rates(rng):
+    model, _, v = moved_model(rng)
+    return tree_of(model), rng.choice([0.01, 0.3, 1.0]) * rng.normal(size=model.nv), v, np.full(model.nv, np.nan)
+
+
+HELD_ROW_ARGUMENTS = {
+    "touch": _touch,
+    "touch_each": _touch_each,
+    "turning_bias": _turning,
+    "add_turning_biases": _turning_each,
+    "write_gaps_of": _measured,
+    "point_motion": _point,
+    "write_held": _written,
+    "hold": _held,
+    "write_forces": lambda rng: _forced(rng)[:1],
+    "write_scales": _scales,
+    "force_margins": _margins,
+    "commutator_factors": lambda rng: (float(3.0 * rng.random()),),
+    "commute": lambda rng: tuple(rng.normal(size=(2, 6))),
+    "chart_rates": _rates,
+    "accelerate": lambda rng: moving(rng)[1:],
+    "take_stages": _stages,
+    "state_at": _state,
+    "margins_along": _margins_along,
+    "gaps_along": _gaps_along,
+}
