@@ -155,7 +155,7 @@ HELD_ROW_ARGUMENTS = {
     "force_margins": _margins,
     "commutator_factors": lambda rng: (float(3.0 * rng.random()),),
     "commute": lambda rng: tuple(rng.normal(size=(2, 6))),
-    "chart_rates": _rates,
+    "joint_chart_rates": _rates,
     "accelerate": lambda rng: moving(rng)[1:],
     "take_stages": _stages,
     "state_at": _state,

@@ -21,7 +21,7 @@ from ...projection.tree import factor_mass
 from ...projection.tree_factor import unwhiten, whiten
 from ...system import System
 from ...system.mechanisms.articulated import ArticulatedSystem
-from ...system.mechanisms.chart import chart_rates
+from ...system.mechanisms.chart import joint_chart_rates
 from ...system.mechanisms.mechanism import Mechanism, evaluate_nonlinear_effects, place, weigh
 from ...system.mechanisms.pinocchio_address import retract
 from ...system.system import Array
@@ -116,7 +116,7 @@ def take_stages(
                     b += w * K[j, nv + k]
             s.change[k], s.v[k] = h * a, v[k] + h * b
         retract(s.mechanism.calls, q, s.change, s.q)
-        chart_rates(s.mechanism.tree, s.change, s.v, s.rate)
+        joint_chart_rates(s.mechanism.tree, s.change, s.v, s.rate)
         accelerate(s, held, s.q, s.v)
         for k in range(nv):
             K[i, k], K[i, nv + k] = s.rate[k], s.kept[k]

@@ -20,7 +20,7 @@ _TERMS = (
 
 @kernel("UniTuple(f8, 2)(f8)")
 def commutator_factors(angle: float) -> tuple[float, float]:
-    """Return the factors a and b of `chart_rates` for an angle below 2 pi."""
+    """Return the factors a and b of `joint_chart_rates` for an angle below 2 pi."""
     if angle < _SMALL:
         a, b, square, power = _TERMS[0], -_TERMS[1], angle * angle, 1.0
         for n in range(3, len(_TERMS) + 1):
@@ -42,7 +42,7 @@ def commute(x: Array, y: Array) -> None:
 
 
 @kernel("void(JointTree, f8[::1], f8[::1], f8[::1])")
-def chart_rates(tree: JointTree, dq: Array, v: Array, rate: Array) -> None:
+def joint_chart_rates(tree: JointTree, dq: Array, v: Array, rate: Array) -> None:
     """Write the rate of dq, shape (nv,), where q + dq along the retraction moves with velocity v.
 
     Notes

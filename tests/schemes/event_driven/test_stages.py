@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from mbvi.constraints.feature_kernels import EDGES, VERTEX_FACE
 from mbvi.constraints.mechanism.held_rows import LIMIT, force_margins, hold, write_gaps_of, write_held
 from mbvi.schemes.event_driven.stages import accelerate
-from mbvi.system.mechanisms.chart import chart_rates
+from mbvi.system.mechanisms.chart import joint_chart_rates
 from support.held_row_arguments import moving, random_parts
 from support.joint_tree_arguments import random_model, tree_of
 
@@ -23,7 +23,7 @@ def test_the_rate_of_a_chart(rng, size):
     q, v, rate = pin.randomConfiguration(model, -np.ones(model.nq), np.ones(model.nq)), rng.normal(size=model.nv), None
     dq = rng.uniform(-size, size, size=model.nv)
     rate = np.empty(model.nv)
-    chart_rates(tree_of(model), dq, v, rate)
+    joint_chart_rates(tree_of(model), dq, v, rate)
     # Pinocchio's series for small angles are exact to 1e-11
     np.testing.assert_allclose(pin.dIntegrate(model, q, dq, pin.ARG1) @ rate, v, atol=1e-10)
 
