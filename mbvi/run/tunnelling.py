@@ -23,7 +23,7 @@ DEPTH = 1e-3
 # most shortened steps within one step, and the remaining part of a step that is not shortened again
 _MOST_SHORTENED, _LEAST_REST = 100, 1e-9
 # how much deeper bodies that are not convex get before a step is shortened, in thicknesses
-_DEEP = 0.25
+DEEP = 0.25
 
 
 class TunnellingGuard:
@@ -81,12 +81,10 @@ class TunnellingGuard:
         none = np.zeros((len(self._per_velocity), 0))
         return self._per_velocity, np.ascontiguousarray(np.concatenate([none, *self._displacements], axis=1))
 
-    def thickness(self, family: ConstraintFamily | None) -> Array:
-        """Return the thickness of the pairs of `shares`, shape (n,) [m]; infinite but for a family that comes first."""
-        count, listed = sum(one.shape[1] for one in self._displacements), np.zeros(0)
-        if family is not None and count and self._watched[0] is family:
-            listed = np.broadcast_to(np.asarray(family.thickness, dtype=float), family.size)
-        return np.concatenate([listed, np.full(count - len(listed), np.inf)])
+    @property
+    def watched(self) -> list[ConstraintFamily]:
+        """The families whose pairs are in `shares`, in this order."""
+        return self._watched[: len(self._displacements)]
 
     def followed(self, t: float, state: Step, new: Step, h: float, projector: Projector) -> Iterator[Step]:
         """Yield the steps from a state at t to t + h: only `new` if no body passes through another in between."""
@@ -190,11 +188,11 @@ class TunnellingGuard:
 def _enters(
     gap: Callable[[float], float], start: float, near: float, travel: float, thickness: float, short: float
 ) -> float:
-    """Return the share of a displacement just after a pair touches, or goes deeper, before it is `_DEEP`; 1 if never.
+    """Return the share of a displacement just after a pair touches, or goes deeper, before it is `DEEP`; 1 if never.
 
     Bodies that are not convex may part or slide along each other and meet again elsewhere within a step.
     """
-    deep = _DEEP * thickness + max(-start, 0.0)
+    deep = DEEP * thickness + max(-start, 0.0)
     high = first_root_by_slope(lambda x: gap(x) + deep, 1.0, travel)
     if high >= 1.0:
         return 1.0

@@ -104,6 +104,36 @@ def same_points(found, expected):
     np.testing.assert_allclose(found[order], np.asarray(expected)[other], rtol=0, atol=1e-12)
 
 
+@pytest.mark.parametrize("kind", ["box", "capsule", "hull"])
+def test_rows_do_not_depend_on_the_ways_that_led_to_a_place(kind):
+    """Features are listed now and then only; what touches is the same as if they were listed anew."""
+    rng, touched, kept = np.random.default_rng(0), 0, 0
+    for _ in range(10):
+        problem = scene_of(kind, (0, 0, 1), mesh=rough_field(rng), size=(0.3, 0.2, 0.1)).build()
+        family = next(f for f in problem.constraints.families if isinstance(f, ShapeSurface))
+        q = problem.q0.copy()
+        q[2] = 0.12
+        for k in range(60):
+            # it creeps, and leaps now and then
+            size = 1e-3 if k % 10 else rng.choice([0.02, 0.1])
+            q = problem.system.integrate(q, size * rng.normal(size=6) * [1, 1, 0.3, 3, 3, 3])
+            for tolerance in (1e-9, 3e-3):
+                listed = family.at_mesh.place.copy()
+                found = family.measure(q, np.arange(1), tolerance)
+                kept += np.array_equal(listed, family.at_mesh.place)
+                family.at_mesh.slack[:] = -1.0
+                anew = family.measure(q, np.arange(1), tolerance)
+                for one, other in zip(found, anew, strict=True):
+                    np.testing.assert_array_equal(one, other)
+                touched += len(found.gap)
+                # the list goes on from an older place
+                if k % 3:
+                    family.at_mesh.slack[:] = -1.0
+                    family.measure(problem.system.integrate(q, 1e-3 * rng.normal(size=6)), np.arange(1), tolerance)
+    assert touched > 300
+    assert kept > 300
+
+
 # motion
 
 

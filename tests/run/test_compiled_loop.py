@@ -29,6 +29,7 @@ from support.loop_arguments import (
     carried,
     hopper,
     on_block,
+    on_rubble,
     one_ball,
     one_box,
     quadruped,
@@ -36,6 +37,7 @@ from support.loop_arguments import (
     struck,
     swaying,
     tied,
+    tumbling,
     two_hoppers,
 )  # fmt: skip
 from support.paths import ROBOTS, real_robot
@@ -175,7 +177,7 @@ def test_a_step_is_that_of_the_scheme(name, scheme):
 
 @each_scheme_of_one
 @pytest.mark.parametrize("mu", [0.0, 0.6])
-@pytest.mark.parametrize("scene", [quadruped, hopper])
+@pytest.mark.parametrize("scene", [quadruped, hopper, on_rubble])
 def test_a_step_that_bounces_or_sticks_is_that_of_the_scheme(scene, mu, scheme):
     assert share_that_agrees(scene(0.5, mu), scheme, 150) > 0.8
 
@@ -234,6 +236,16 @@ def dropped(name, e, mu):
     q[2] += 0.005 - float(rows.gap(0.0, q)[floor].min())
     v += 0.5 * np.random.default_rng(0).normal(size=len(v))
     return problem.at(q, v)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scheme", [mbvi.Paoli(), SCHEMES[-1]], ids=repr)
+def test_a_step_of_a_robot_of_hulls_on_rubble_is_that_of_the_scheme(scheme):
+    scene = mbvi.Scene(restitution=0.0, friction=0.6)
+    scene.add_heightfield(0.04 * np.random.default_rng(0).random((64, 64)), (4.0, 4.0), name="rubble")
+    scene.add_urdf(real_robot(PUBLISHED_ROBOTS["go2"].file), position=(0.03, 0.02, 0.37))
+    taken = [step is not None for step in steps_that_agree(scene.build(), scheme, 250, spread=SPREAD)]
+    assert np.mean(taken) > 0.9
 
 
 @pytest.mark.parametrize("mu", [0.0, 0.6])
@@ -338,7 +350,7 @@ def test_the_loop_takes_steps_in_which_contacts_with_friction_bounce():
 
 # relative difference of velocities of boxes whose contacts jam, from one start of the law and another
 SPREAD = 1e-9
-SEVERAL = [struck, two_hoppers, among_boxes, one_box, one_ball, small_heap]
+SEVERAL = [struck, two_hoppers, among_boxes, one_box, one_ball, small_heap, tumbling]
 
 
 @pytest.mark.usefixtures("always")

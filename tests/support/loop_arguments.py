@@ -17,7 +17,7 @@ import mbvi
 from mbvi.compiled import Kernel, records
 from mbvi.constraints.mechanism.row_callback import RowCallback
 from mbvi.constraints.mechanism.state import row_buffer
-from mbvi.constraints.mechanism.tables import MOST_ROWS
+from mbvi.constraints.mechanism.tables import MOST_ROWS, SHAPES_AT_MESH
 from mbvi.run.loop import compiled_loop, loop_scope, step_loop
 from mbvi.run.loop.loop_record import LoopRecord
 from mbvi.system.mechanisms.mechanism import place
@@ -169,6 +169,39 @@ def swaying(e, mu):
         joints={f"{leg}_{joint}_joint": x for leg in LEGS for joint, x in zip(JOINTS, stance[:3], strict=True)},
         control=mbvi.PDControl(stance, 60.0, 1.5),
     )
+    return scene.build()
+
+
+RUBBLE = 0.03 * np.random.default_rng(0).random((21, 21))
+
+
+def on_rubble(e, mu):
+    """A quadruped under a PD control lands on its feet, which are balls, on a rough field; its trunk has boxes."""
+    scene = mbvi.Scene(restitution=e, friction=mu)
+    scene.add_heightfield(RUBBLE, (2.0, 2.0), name="rubble")
+    stance = np.tile([0.0, 0.6, -1.2], 4)
+    scene.add_urdf(
+        ROBOTS / "quadruped/quadruped.urdf",
+        position=(0, 0, 0.38),
+        joints={f"{leg}_{joint}_joint": x for leg in LEGS for joint, x in zip(JOINTS, stance[:3], strict=True)},
+        control=mbvi.PDControl(stance, 60.0, 1.5),
+        name="robot",
+    )
+    for leg in LEGS:
+        for part in JOINTS:
+            # cylinders do not meet meshes
+            scene.exclude(f"robot/{leg}_{part}", "rubble")
+    return scene.build()
+
+
+def tumbling(e, mu):
+    """A capsule, a box and a ball fall onto a rough field."""
+    scene = mbvi.Scene(restitution=e, friction=mu)
+    scene.add_heightfield(RUBBLE, (2.0, 2.0), name="rubble")
+    turned = {"rotation": (1.0, 0.5, 0.2), "angular_velocity": (1.0, 2.0, 0.0)}
+    scene.add_capsule(0.05, 0.2, mass=1.0, position=(0.0, 0.0, 0.125), **turned)
+    scene.add_box((0.2, 0.15, 0.1), mass=1.0, position=(0.3, 0.0, 0.15), velocity=(0.5, 0.0, -1.0), name="box")
+    scene.add_sphere(0.08, mass=1.0, position=(-0.3, 0.0, 0.12), velocity=(0.3, 0.2, -1.0))
     return scene.build()
 
 
@@ -474,7 +507,46 @@ def clearance_of(rng, seed):
     return s.constraints, int(rng.integers(len(s.constraints.pairs.clearance)))
 
 
+def _above_rubble(seed):
+    """The arguments of `may_pass`, with a record whose first row of shapes at a mesh travels far."""
+    s, log, q, v, h, _ = _call("may_pass", PAOLI, tumbling, (RIGID, ROUGH, BOUNCY)[seed], 40 + 20 * seed)
+    log.travel[:] = 1.5
+    return s, log, q, v, h
+
+
+def touching(rng, seed):
+    s, _, q, *_ = _above_rubble(seed)
+    return s.mechanism, s.constraints, q, float(rng.choice([1e-8, 0.02])), s.rows
+
+
+def touching_shapes(rng, seed):
+    mechanism, constraints, *rest = touching(rng, seed)
+    return mechanism, constraints.at_mesh, *rest
+
+
+def touching_spheres(rng, seed):
+    mechanism, constraints, *rest = touching(rng, seed)
+    return mechanism, constraints.balls_at_mesh, constraints.rolling, *rest
+
+
+def may_enter(rng, seed):
+    s, log, q, v, h = _above_rubble(seed)
+    columns = np.flatnonzero(log.kind == SHAPES_AT_MESH)
+    return s, log, int(rng.choice(columns)), q, float(rng.choice([1.0, 3.0])) * v, h
+
+
+def may_enter_mesh(rng, seed):
+    s, _, q, *_ = _above_rubble(seed)
+    return s.mechanism, s.constraints.at_mesh, int(rng.integers(2)), q, s.q, float(rng.choice([1e-5, 1e-2]))
+
+
 LOOP_ARGUMENTS = {
+    "place_shapes": lambda rng, seed: touching_shapes(rng, seed)[:2],
+    "touching_shapes": touching_shapes,
+    "touching_spheres": touching_spheres,
+    "is_clear_of_mesh": lambda rng, seed: (*touching_shapes(rng, seed)[:3], int(rng.integers(2)), rng.random()),
+    "may_enter_mesh": may_enter_mesh,
+    "may_enter": may_enter,
     **{name: _within_a_run(name) for name in CALLS},
     "may_pass": may_pass,
     "clearance_of": clearance_of,

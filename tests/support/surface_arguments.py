@@ -1,8 +1,16 @@
 """Random arguments of the kernels for contacts of convex shapes with meshes: polyhedra and capsules over terrain."""
 
 import numpy as np
+import pinocchio as pin
 
-from mbvi.geometry.closed_form.surface_rows import all_rows, place_core, triangles_in_box
+from mbvi.geometry.closed_form.near_features import (
+    CoresAtMesh,
+    list_features,
+    narrow_cone,
+    place_core,
+    triangles_in_box,
+)
+from mbvi.geometry.closed_form.surface_rows import all_rows
 from mbvi.geometry.meshes.creases import creases_of
 from mbvi.geometry.meshes.triangles import Surface
 from mbvi.geometry.shapes.convex_cores import cores_of
@@ -51,8 +59,35 @@ class Scene:
         count = triangles_in_box(self.mesh, low, high, found)
         return int(self.rng.choice(found[:count])) if count else 0
 
-    def scratch(self):
-        return np.zeros(self.triangles + 300, np.int64), np.zeros((8, 3)), np.zeros((6, 4))
+    def at(self, features=400, triangles=None, rows=300, contacts=300):
+        """The mesh and the cores with no lists yet."""
+        n, k, cores = len(SHAPES), self.triangles if triangles is None else triangles, self.cores
+        return CoresAtMesh(
+            self.mesh, cores, EPS, np.full(n, 0.02), np.zeros(n), np.full(n, -1.0), np.zeros((n, 4, 3)),
+            np.zeros((n, features, 3), np.int64), np.zeros((n, 3), np.int64), np.zeros(len(cores.points), np.int64),
+            np.zeros(len(cores.faces), np.int64), np.zeros(k, np.int64), np.zeros((8, 3)), np.zeros((6, 4)),
+            np.zeros((2, 8), bool), np.zeros((2, 12), np.int64), np.zeros((12, 6)), np.zeros((rows, 7)),
+            np.zeros(rows, np.int64), np.zeros(12), np.zeros(contacts, np.int64), np.zeros(contacts),
+            np.zeros((contacts, 3)), np.zeros((contacts, 3)),
+        )  # fmt: skip
+
+    def listed(self):
+        """The same with a list of the chosen core, which stays where it was placed, and its near triangles."""
+        at = self.at()
+        triangles, _ = list_features(at, self.places, self.s, 0.05, 0.001)
+        at.points[:], at.faces[:] = self.points, self.faces
+        return at, triangles
+
+    def cone(self, at, triangles):
+        axis = np.zeros(3)
+        return axis, narrow_cone(at, triangles, axis)
+
+    def moved(self, size):
+        """Placements a little farther on."""
+        places = self.places + 0.0
+        places[:, :3] = places[:, :3] @ pin.exp3(size * self.rng.normal(size=3))
+        places[:, 3] += size * self.rng.normal(size=(len(places), 3))
+        return places
 
 
 def sharp(rng):
@@ -74,7 +109,7 @@ def peak_of(scene):
 
 def in_cone(rng):
     scene = Scene(rng)
-    return scene.mesh, peak_of(scene), *(unit(rng) if rng.random() < 0.5 else [0.0, 0.0, 1.0])
+    return scene.mesh, peak_of(scene), *(unit(rng) if rng.random() < 0.5 else [0.0, 0.0, 1.0]), 0.1 * rng.random()
 
 
 def ridge_of(scene):
@@ -151,55 +186,144 @@ def add(rng):
     return np.zeros((3, 7)), int(rng.integers(5)), *rng.normal(size=4), rng.normal(size=12)
 
 
-def row_arguments(scene, *box):
-    given = scene.mesh, scene.cores, scene.s, scene.triangle(), scene.points, scene.faces, scene.middle, *box
-    return *given, 0.2, EPS, np.zeros((300, 7)), int(scene.rng.integers(3)), np.zeros(12)
+def feature_of(scene, kinds):
+    """A core with a list, and one of its listed features of some kinds; a feature that is not listed without any."""
+    at, _ = scene.listed()
+    some = at.features[scene.s, : at.counts[scene.s, 0]]
+    some = some[np.isin(some[:, 1], kinds)]
+    if not len(some):
+        edge = int(scene.cores.first_edge[scene.s])
+        some = np.array([[scene.triangle(), kinds[0], edge if kinds[0] < 3 else 0]])
+        if kinds[0] < 3:
+            some[0, :2] = ridge_of(scene)
+    return at, *(int(k) for k in some[scene.rng.integers(len(some))])
 
 
-def sharp_rows(rng):
+def vertex_row(rng):
+    scene = Scene(rng)
+    at, t, _, i = feature_of(scene, [6])
+    return at, scene.s, t, i, scene.middle, 0.2, int(rng.integers(3))
+
+
+def sharp_row(rng):
     scene = sharp(rng)
-    return row_arguments(scene, scene.points.min(axis=0), scene.points.max(axis=0))
+    at, t, k, e = feature_of(scene, [[0, 1, 2], [3, 4, 5]][int(rng.integers(2))])
+    if k >= 3:
+        t, corner = (int(x) for x in np.argwhere(scene.mesh.owned >= 0)[peak_of(scene)])
+        k = 3 + corner
+    return at, scene.s, t, k, e, scene.middle, 0.2, int(rng.integers(3))
 
 
 def round_rows(rng):
-    return row_arguments(Scene(rng, 2))
-
-
-def edge_near(rng):
-    scene = Scene(rng)
-    low = rng.uniform(-1.0, 0.5, 3) * [1, 1, 0]
-    return scene.mesh, *(int(c) for c in scene.mesh.triangles[3, :2]), low, low + 0.4, 0.1
+    scene = Scene(rng, 2)
+    t, k = ridge_of(scene)
+    if rng.random() < 0.5:
+        t, k = (int(x) for x in np.argwhere(scene.mesh.owned >= 0)[peak_of(scene)])
+        k += 3
+    return scene.listed()[0], 2, t, k, scene.middle, 0.2, int(rng.integers(3))
 
 
 def every_row(rng):
     scene = Scene(rng)
-    tolerance = float(rng.choice([0.0, 0.1]))
-    rest = np.zeros((300, 7)), np.zeros(12)
-    return scene.places, scene.mesh, scene.cores, scene.s, tolerance, EPS, *scene.scratch(), *rest
+    return scene.at(), scene.places, scene.s, float(rng.choice([0.0, 0.1]))
 
 
 def few(rng):
-    *given, rows, out = every_row(rng)
+    given = every_row(rng)
+    rows = given[0].rows
     if rng.random() < 0.5:
         # a flat face of many points, some of them twice
         rows[:14, 1:3] = rng.uniform(-0.3, 0.3, (14, 2))
         rows[14:20], rows[:20, 6] = rows[3:9], 1.0
         rows[:20, 0] = rng.choice([0.0, 0.01]) * rng.random(20)
         return rows, 20, 0.4, np.zeros(300, np.int64)
-    _, count = all_rows(*given, rows, out)
+    _, _, count = all_rows(*given)
     return rows, count, 0.4, np.zeros(300, np.int64)
 
 
 def contacts(rng):
-    scene, room = Scene(rng), int(rng.choice([2, 300]))
-    found = np.zeros(room, np.int64), np.zeros(room), np.zeros((room, 3)), np.zeros((room, 3))
-    scratch = *scene.scratch(), np.zeros((300, 7)), np.zeros(12)
-    return scene.places, tuple(scene.mesh), tuple(scene.cores), np.array([0, 2]), 0.1, EPS, *scratch, *found
+    scene = Scene(rng)
+    return scene.at(contacts=int(rng.choice([2, 300]))), scene.places, np.array([0, 2]), 0.1
 
 
 def box_apart(rng):
     boxes = Scene(rng).mesh.boxes
     return boxes, int(rng.integers(1, len(boxes))), rng.normal(size=3) - 1.0, rng.normal(size=3) + 1.0
+
+
+def tree_apart(rng):
+    low = 2.0 * rng.normal(size=3)
+    return Scene(rng).mesh.boxes, low, low + 0.3
+
+
+def of_core(rng):
+    scene = Scene(rng)
+    return scene.places, scene.cores, scene.s
+
+
+def list_of(rng):
+    scene = Scene(rng)
+    at = scene.at(features=int(rng.choice([3, 400])), triangles=int(rng.choice([3, 50])))
+    if rng.random() < 0.2:
+        scene.places[:, 3, 2] += 3.0
+    return at, scene.places, scene.s, float(rng.choice([0.0, 0.1])), 1e-3
+
+
+def with_cone(rng):
+    scene = Scene(rng)
+    at, triangles = scene.listed()
+    return scene, at, triangles, *scene.cone(at, triangles)
+
+
+def list_vertices(rng):
+    scene, at, triangles, axis, least = with_cone(rng)
+    return at, scene.s, triangles, 1e-3, scene.middle, axis, least
+
+
+def choose_edges(rng):
+    scene, at, _, axis, least = with_cone(rng)
+    return at, scene.places, scene.s, axis, least, 0.01, 0.1
+
+
+def list_used(rng):
+    scene = Scene(rng)
+    at, _ = scene.listed()
+    return at, scene.s, int(at.counts[scene.s, 0])
+
+
+def may_hold(rng):
+    scene = sharp(rng)
+    p = int(np.flatnonzero(scene.mesh.peak >= 0)[peak_of(scene)])
+    return scene.listed()[0], scene.s, int(rng.integers(4)), p, 0.02
+
+
+def may_cross(rng):
+    scene = sharp(rng)
+    return scene.listed()[0], scene.s, *ridge_of(scene), edge_of(scene), 0.02
+
+
+def travel_from(rng):
+    scene = Scene(rng)
+    at, _ = scene.listed()
+    return at, at.place[scene.s].copy(), scene.moved(0.01), scene.s
+
+
+def free_way(rng):
+    scene = Scene(rng)
+    scene.places[:, 3, 2] += 2.0
+    at, _ = scene.listed()
+    return at, scene.moved(0.1), scene.s
+
+
+def beyond_middle(rng):
+    scene, _, _, axis, least = with_cone(rng)
+    return scene.points, int(rng.integers(4)), scene.middle, axis, max(least, 0.3), 0.01
+
+
+def meets_box(rng):
+    low = rng.normal(size=3)
+    boxes = np.concatenate([rng.normal(size=(3, 3)) - 1.0, rng.normal(size=(3, 3)) + 1.0], axis=1)
+    return low, low + rng.random(3), boxes, 1
 
 
 def over_face(rng):
@@ -223,8 +347,7 @@ def far(rng):
 def distances(rng):
     scene = Scene(rng)
     found = np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3))
-    given = scene.places, tuple(scene.mesh), tuple(scene.cores), np.arange(3)
-    return *given, np.zeros((8, 3)), np.zeros((6, 4)), np.zeros(12), *found
+    return scene.at(), scene.places, np.arange(3), *found
 
 
 SURFACE_ARGUMENTS = {
@@ -242,14 +365,33 @@ SURFACE_ARGUMENTS = {
     "from_segment": from_segment,
     "triangles_in_box": in_box,
     "place_core": placed,
-    "edge_near": edge_near,
     "_add": add,
-    "sharp_rows": sharp_rows,
+    "vertex_row": vertex_row,
+    "sharp_row": sharp_row,
     "round_rows": round_rows,
     "all_rows": every_row,
     "few_of_each_normal": few,
     "surface_contacts": contacts,
-    "_box_apart": box_apart,
+    "lowest_gap": every_row,
+    "box_apart": box_apart,
+    "tree_apart": tree_apart,
+    "middle_of": lambda rng: (*of_core(rng), 1),
+    "place_point": lambda rng: (*of_core(rng), 1, np.zeros((8, 3))),
+    "place_face": lambda rng: (*of_core(rng), 1, np.zeros((6, 4))),
+    "lever_of": lambda rng: (Scene(rng).listed()[0], 1),
+    "travel_from": travel_from,
+    "free_way": free_way,
+    "may_cross": may_cross,
+    "meets_box": meets_box,
+    "narrow_cone": lambda rng: (*Scene(rng).listed(), np.zeros(3)),
+    "append": lambda rng: (Scene(rng).at(features=2), 1, int(rng.integers(4)), 3, 4, 5),
+    "is_beyond_middle": beyond_middle,
+    "list_vertices": list_vertices,
+    "choose_edges": choose_edges,
+    "choose_faces": lambda rng: choose_edges(rng)[:-1],
+    "may_hold": may_hold,
+    "list_used": list_used,
+    "list_features": list_of,
     "height_over_face": over_face,
     "is_far": far,
     "nearer": nearer,

@@ -1,11 +1,14 @@
-"""The family of boxes, hulls and capsules against a triangle mesh that is solid behind its triangles."""
+"""The family of boxes, hulls, capsules and cylinders against a triangle mesh that is solid behind its triangles."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
+from ...compiled import held
+from ...geometry.closed_form.near_features import CoresAtMesh
 from ...geometry.closed_form.surface_distances import surface_distances
 from ...geometry.closed_form.surface_rows import surface_contacts
 from ...geometry.meshes.creases import creases_of
@@ -17,9 +20,13 @@ from ..rows import Array
 from .pairs import Contacts
 from .surface import ROUNDING, SurfaceContacts
 
+# how far a shape may move until its features are listed again: parts of the mean radius of balls about the shapes, and
+# the least and the greatest part of its own
+_SKIN, _MOST_SKIN = 0.05, 0.25
+
 
 class ShapeSurface(SurfaceContacts):
-    """Boxes, hulls and capsules at a mesh; the parameters are those of `SurfaceContacts`.
+    """Boxes, hulls, capsules and cylinders at a mesh; the parameters are those of `SurfaceContacts`.
 
     Notes
     -----
@@ -39,16 +46,25 @@ class ShapeSurface(SurfaceContacts):
         friction: Array | float = 0.0,
     ) -> None:
         super().__init__(system, shapes, surface, name, restitution, friction)
-        self._frames, frame = np.unique(self._bodies, return_inverse=True)
-        self._cores, self._creases = tuple(cores_of(shapes, frame)), tuple(creases_of(surface))
-        bounds = np.array([s.shape.bound for s in shapes])
-        self._eps = ROUNDING * (float(bounds.max()) + surface.bound)
+        self.frames, frame = np.unique(self._bodies, return_inverse=True)
+        cores, bounds = cores_of(shapes, frame), np.array([s.shape.bound for s in shapes])
         # rows are found to twice this depth: a step may begin deep already
         self.thickness: Array = np.array([s.shape.inner * (1 if isinstance(s.shape, Capsule) else 0.5) for s in shapes])
-        corners, faces = (int(np.diff(first).max()) for first in (self._cores[2], self._cores[7]))
         # the lowest points of two rims come behind the vertices
-        self._scratch = np.empty((corners + 2, 3)), np.empty((max(faces, 1), 4))
-        self._make_room(200, 100)
+        n, corners, edges, faces = self.size, *(int(np.diff(cores[k]).max(initial=0)) for k in (2, 5, 7))
+        room: Any = (
+            np.zeros(n), np.full(n, -1.0), np.zeros((n, 4, 3)), np.zeros((n, 0, 3), np.int64),
+            np.zeros((n, 3), np.int64), np.zeros(len(cores.points), np.int64), np.zeros(len(cores.faces), np.int64),
+            np.zeros(0, np.int64), np.zeros((corners + 2, 3)), np.zeros((max(faces, 1), 4)),
+            np.zeros((2, max(corners, faces)), bool), np.zeros((2, max(edges, faces)), np.int64), np.zeros((edges, 6)),
+            np.zeros((0, 7)), np.zeros(0, np.int64), np.zeros(12), *_contacts(0),
+        )  # fmt: skip
+        own = cores.sizes[:, 5].copy()
+        skin = np.clip(_SKIN * own.sum() / max(n, 1), _SKIN * own, _MOST_SKIN * own)
+        eps = ROUNDING * (float(bounds.max(initial=0.0)) + surface.bound)
+        # the state of the lists, which the compiled loop shares
+        self.at_mesh: Any = held(CoresAtMesh(creases_of(surface), cores, eps, skin, *room))
+        self._make_room(200, 1000, 200)
 
     def carried(self, shape: PlacedShape) -> float:
         """Return the radius of a ball that holds the shape [m]."""
@@ -66,28 +82,35 @@ class ShapeSurface(SurfaceContacts):
         apart = np.flatnonzero(gap == np.inf)
         if apart.size:
             found = np.empty(len(apart)), np.empty((len(apart), 3)), np.empty((len(apart), 3))
-            arguments = self._places(q), self._creases, self._cores, shapes[apart]
-            surface_distances(*arguments, *self._scratch, np.empty(12), *found)
+            surface_distances(self.at_mesh, self._places(q), shapes[apart], *found)
             gap[apart], point[apart], normal[apart] = found
         return Contacts(shapes, gap, point, normal)
 
     def _places(self, q: Array) -> Array:
-        return np.ascontiguousarray(self.system.placements(q, self._frames))
+        return np.ascontiguousarray(self.system.placements(q, self.frames))
 
-    def _make_room(self, triangles: int, rows: int) -> None:
-        """Make arrays for triangles about a shape, and for rows."""
-        self._near, self._rows = np.empty(max(triangles, rows), np.int64), np.empty((rows, 7))
+    def _make_room(self, triangles: int, features: int, rows: int) -> None:
+        """Make arrays for triangles and features of a shape, and for rows; features are listed anew."""
         count = max(rows, 20 * self.size)
-        self._found = np.empty(count, np.int64), np.empty(count), np.empty((count, 3)), np.empty((count, 3))
+        shape, gap, point, normal = _contacts(count)
+        self.at_mesh.slack[:] = -1.0
+        self.at_mesh.replace(
+            near=np.zeros(triangles, np.int64), features=np.zeros((self.size, features, 3), np.int64),
+            rows=np.zeros((rows, 7)), group=np.zeros(rows, np.int64), shape=shape, gap=gap, point=point, normal=normal,
+        )  # fmt: skip
 
     def measure(self, q: Array, shapes: Array, tolerance: float) -> Contacts:
         """Return the contacts of some shapes within the tolerance."""
-        places = self._places(q)
+        places, at = self._places(q), self.at_mesh
         while True:
-            count, triangles, rows = surface_contacts(
-                places, self._creases, self._cores, shapes, tolerance, self._eps, self._near, *self._scratch,
-                self._rows, np.empty(12), *self._found,
-            )  # fmt: skip
-            if triangles <= len(self._near) and rows <= len(self._rows) and count <= len(self._found[0]):
-                return Contacts(*(part[:count].copy() for part in self._found))
-            self._make_room(2 * triangles, 2 * max(count, rows, len(self._rows)))
+            count, triangles, features, rows = surface_contacts(at, places, shapes, tolerance)
+            room = len(at.near), at.features.shape[1], min(len(at.rows), len(at.shape))
+            needed = triangles, features, max(rows, count)
+            if all(each <= there for each, there in zip(needed, room, strict=True)):
+                return Contacts(*(part[:count].copy() for part in (at.shape, at.gap, at.point, at.normal)))
+            self._make_room(*(2 * max(pair) for pair in zip(needed, room, strict=True)))
+
+
+def _contacts(count: int) -> tuple[Array, Array, Array, Array]:
+    """Return room for contacts."""
+    return np.zeros(count, np.int64), np.zeros(count), np.zeros((count, 3)), np.zeros((count, 3))

@@ -16,6 +16,7 @@ from ...geometry.meshes.triangles import Surface
 from ...geometry.shapes.shapes import PlacedShape
 from ...system import System
 from ..family import ConstraintFamily
+from ..mechanism.meshes import BallsAtMesh
 from ..rows import Array, Rows
 from .pairs import Contacts
 
@@ -125,6 +126,10 @@ class SurfaceContacts(ConstraintFamily):
         bodies = self._bodies[shape]
         return self.system.separation_rows(q, np.zeros_like(bodies), bodies, point, normal)
 
+    def reach_of(self, numbers: Array) -> Array:
+        """Return the reach of some shapes, shape (k, nv): what is followed of each."""
+        return np.asarray(self._reach[numbers].toarray())
+
     @cached_property
     def _reach(self) -> Any:
         """How far each velocity can carry what is followed of each shape, sparse, shape (n, nv)."""
@@ -177,9 +182,9 @@ class SphereSurface(SurfaceContacts):
         friction: Array | float = 0.0,
     ) -> None:
         super().__init__(system, spheres, surface, name, restitution, friction)
-        self._local = np.array([s.position for s in spheres])
-        self._radii = np.array([s.shape.bound for s in spheres])
-        self._rounding = ROUNDING * (float(self._radii.max()) + surface.bound)
+        self._local = np.array([s.position for s in spheres]).reshape(-1, 3)
+        self._radii = np.array([s.shape.bound for s in spheres], dtype=float)
+        self._rounding = ROUNDING * (float(self._radii.max(initial=0.0)) + surface.bound)
         self._tree = (surface.vertices, surface.triangles, *surface.tree)
         rim = surface.rim if surface.one_sided else np.ones(len(surface.sharers), bool)
         self._features = surface.features, surface.sharers, rim
@@ -216,6 +221,17 @@ class SphereSurface(SurfaceContacts):
         order = np.lexsort((found.gap, found.pair))
         first = order[np.searchsorted(found.pair[order], shapes)]
         return Contacts(*(part[first] for part in found))
+
+    def loop_table(self) -> BallsAtMesh:
+        """Return what the compiled loop needs, with room of its own."""
+        n, k = self.size, max(256, 16 * self.size)
+        room: Any = np.zeros((n, 3)), np.zeros(n), *np.zeros((2, k), np.int64), np.zeros(k), np.zeros((k, 3))
+        found: Any = np.zeros(k, np.int64), np.zeros(k), *np.zeros((2, k, 3))
+        rank = np.zeros(k, np.int64)
+        fields: Any = (
+            *self._tree, *self._features, self._deepest, self._rounding, self._local, self._radii, *room, rank, *found,
+        )  # fmt: skip
+        return BallsAtMesh(*fields)
 
     def _centres(self, q: Array, shapes: Array) -> Array:
         places = self.system.placements(q, self._bodies[shapes])

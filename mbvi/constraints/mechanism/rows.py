@@ -21,16 +21,19 @@ from ..families.candidates import list_candidates
 from ..rows import Array
 from ..tangents import write_axes
 from .balls import Balls, touching_balls
+from .meshes import BallsAtMesh, ShapesAtMesh, touching_shapes, touching_spheres
 from .pairs import PairShapes, pair_contacts
 from .row_callback import RowCallback, rows_by_callback
 from .tables import (
     BALLS,
+    BALLS_AT_MESH,
     FOUND,
     GIVEN,
     HALF_SPACES,
     LIMITS,
     MOST_ROWS,
     PAIRS,
+    SHAPES_AT_MESH,
     TOO_MANY,
     Clearances,
     Limits,
@@ -39,12 +42,15 @@ from .tables import (
 )
 
 
-@record("Clearances, Limits, Points, PairFamily, Tuple(Shapes), PairFamily, PairShapes, Balls, PairFamily, RowCallback")
+@record(
+    "Clearances, Limits, Points, PairFamily, Tuple(Shapes), PairFamily, PairShapes, Balls, PairFamily, RowCallback,"
+    " BallsAtMesh, PairFamily, ShapesAtMesh"
+)
 class MechanismConstraints(NamedTuple):
     """The constraints of one mechanism: joint limits, half-spaces with their points, pairs with shapes and axes, balls.
 
     `touching` has the numbers of `SphereContacts`, which are not those of pairs one after the other. Rows of `given`
-    functions come by a callback.
+    functions come by a callback. `rolling` has the numbers of the spheres at a mesh.
     """
 
     cache: Clearances
@@ -57,6 +63,9 @@ class MechanismConstraints(NamedTuple):
     balls: Balls
     touching: PairFamily
     given: RowCallback
+    balls_at_mesh: BallsAtMesh
+    rolling: PairFamily
+    at_mesh: ShapesAtMesh
 
 
 @kernel("Tuple((i8, f8))(Limits, i8, f8[::1], f8, RowBuffer)")
@@ -175,7 +184,9 @@ def write_gradients(mechanism: Mechanism, constraints: MechanismConstraints, row
 
     Its point, normal and tangents are as they stand.
     """
-    for family in (constraints.walls, constraints.pairs, constraints.touching):
+    for family in (
+        constraints.walls, constraints.pairs, constraints.touching, constraints.rolling, constraints.at_mesh.family
+    ):  # fmt: skip
         pair = rows.number[a] - family.number[0] if len(family.number) > 0 else -1
         if 0 <= pair < len(family.number):
             first, second = mechanism.support[family.bodies[0, pair]], mechanism.support[family.bodies[1, pair]]
@@ -236,11 +247,19 @@ def active_rows(
             code = rows_by_callback(constraints.given, k, q, tolerance, rows)
             continue
         family = constraints.pairs if kind == PAIRS else constraints.touching if kind == BALLS else walls
+        if kind == BALLS_AT_MESH:
+            family = constraints.rolling
+        elif kind == SHAPES_AT_MESH:
+            family = constraints.at_mesh.family
         if kind == LIMITS:
             code, clearance = limit_rows(constraints.limits, k, q, tolerance, rows)
             cache.clearance[slot] = clearance + tolerance
         elif kind == BALLS:
             code = touching_balls(mechanism, constraints.balls, family, q, tolerance, rows)
+        elif kind == BALLS_AT_MESH:
+            code = touching_spheres(mechanism, constraints.balls_at_mesh, family, q, tolerance, rows)
+        elif kind == SHAPES_AT_MESH:
+            code = touching_shapes(mechanism, constraints.at_mesh, q, tolerance, rows)
         else:
             place(mechanism, q)
             if spent:

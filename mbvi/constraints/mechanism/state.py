@@ -2,30 +2,53 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from ...geometry.meshes.triangles import Surface
 from ...geometry.shapes.shape_table import Shapes, ShapeTable
 from ..admissible_set import AdmissibleSet
 from ..families.given import GivenConstraint, GivenRows
 from ..families.half_space import HalfSpaceContacts
 from ..families.hinge_limit import HingeLimits
 from ..families.joint_limit import JointLimits
+from ..families.shape_surface import ShapeSurface
 from ..families.signed_distance import SignedDistances
 from ..families.spheres import SphereContacts
+from ..families.surface import SphereSurface
 from ..family import ConstraintFamily
 from ..rows import Array
 from .balls import Balls
+from .meshes import BallsAtMesh, ShapesAtMesh
 from .row_callback import RowCallback
 from .rows import MechanismConstraints
-from .tables import BALLS, GIVEN, HALF_SPACES, LIMITS, MOST_ROWS, PAIRS, Clearances, Limits, PairFamily, RowBuffer
+from .tables import (
+    BALLS,
+    BALLS_AT_MESH,
+    GIVEN,
+    HALF_SPACES,
+    LIMITS,
+    MOST_ROWS,
+    PAIRS,
+    SHAPES_AT_MESH,
+    Clearances,
+    Limits,
+    PairFamily,
+    RowBuffer,
+)
 
 _KINDS: dict[type, int] = {
     JointLimits: LIMITS, HalfSpaceContacts: HALF_SPACES, SignedDistances: PAIRS, SphereContacts: BALLS,
     GivenConstraint: GIVEN, GivenRows: GIVEN, HingeLimits: GIVEN,
+    SphereSurface: BALLS_AT_MESH, ShapeSurface: SHAPES_AT_MESH,
 }  # fmt: skip
+# where a problem has none
+_NO_MESH = Surface(np.eye(3), np.array([[0, 1, 2]]))
+# kinds that are queried at every step
+_ALWAYS = BALLS, GIVEN, BALLS_AT_MESH, SHAPES_AT_MESH
 
 
 def _kind_of(family: ConstraintFamily) -> int | None:
@@ -86,7 +109,7 @@ class MechanismState:
         given = RowCallback(np.zeros(1, np.int64), np.zeros(1), some)
         self.arrays = MechanismConstraints(
             self._clearances, _limits(constraints), points, tables[HALF_SPACES], shapes, tables[PAIRS], near,
-            *_balls(constraints), given,
+            *_balls(constraints), given, *_balls_at_mesh(constraints), _shapes_at_mesh(constraints),
         )  # fmt: skip
 
     def enter(self) -> bool:
@@ -133,13 +156,24 @@ class MechanismState:
         self._set.cache.take_back(self._clearances.q, self._clearances.always, self._listed, self._candidates)
 
 
-def pairs_of_shapes(constraints: AdmissibleSet) -> ConstraintFamily | None:
-    """Return the family of pairs of shapes, if there is one."""
-    return next((family for family in constraints.families if _kind_of(family) == PAIRS), None)
+def columns_of(constraints: AdmissibleSet, families: Sequence[ConstraintFamily]) -> tuple[Array, Array, Array]:
+    """Return the kinds of all pairs of some families, their numbers in these, and their thicknesses [m], shapes (n,).
+
+    The thickness is infinite where kernels do not know the distance of a pair.
+    """
+    kinds = [np.zeros(0, np.int64)]
+    numbers, thickness = [np.zeros(0, np.int64)], [np.zeros(0)]
+    for family in families:
+        kind = _kind_of(family)
+        known = kind in (PAIRS, SHAPES_AT_MESH)
+        kinds.append(np.full(family.size, kind if known else -1))
+        numbers.append(np.arange(family.size))
+        thickness.append(np.full(family.size, family.thickness if known else np.inf, dtype=float))
+    return np.concatenate(kinds), np.concatenate(numbers), np.concatenate(thickness)
 
 
 def can_be_compiled(constraints: AdmissibleSet) -> bool:
-    """Return whether the loop takes every family: joint limits, at most one each of half-spaces, pairs and spheres.
+    """Return whether the loop takes every family: joint limits, and at most one of each other kind.
 
     Of one mechanism it also takes functions of the user, unless they have a `rate`, or something has torsional or
     rolling friction.
@@ -150,7 +184,7 @@ def can_be_compiled(constraints: AdmissibleSet) -> bool:
         return False
     if GIVEN in kinds and (constraints.resistance is not None or not constraints.system.single_mechanism):
         return False
-    if any(slot < 0 for slot, kind in zip(cache.slots, kinds, strict=True) if kind not in (BALLS, GIVEN)):
+    if any(slot < 0 for slot, kind in zip(cache.slots, kinds, strict=True) if kind not in _ALWAYS):
         return False
     found = (cache.candidates(k) for k in range(len(cache.arrays[0])))
     return all(one is None or isinstance(one.reach, np.ndarray) for one in found)
@@ -195,6 +229,27 @@ def _balls(constraints: AdmissibleSet) -> tuple[Balls, PairFamily]:
     # they have no clearances
     family = _pair_family(constraints, k, none)
     return Balls(position, last.radii, pairs, np.zeros((n, 3)), *room), family
+
+
+def _balls_at_mesh(constraints: AdmissibleSet) -> tuple[BallsAtMesh, PairFamily]:
+    k = next((k for k, family in enumerate(constraints.families) if _kind_of(family) == BALLS_AT_MESH), None)
+    none = _no_pairs(constraints.system.nv)
+    family: Any = (
+        SphereSurface(constraints.system, [], _NO_MESH, "", np.zeros(0)) if k is None else constraints.families[k]
+    )
+    return family.loop_table(), none if k is None else _pair_family(constraints, k, none)
+
+
+def _shapes_at_mesh(constraints: AdmissibleSet) -> ShapesAtMesh:
+    k = next((k for k, family in enumerate(constraints.families) if _kind_of(family) == SHAPES_AT_MESH), None)
+    none = _no_pairs(constraints.system.nv)
+    family: Any = (
+        ShapeSurface(constraints.system, [], _NO_MESH, "", np.zeros(0)) if k is None else constraints.families[k]
+    )
+    pairs = none if k is None else _pair_family(constraints, k, none)
+    # all of them are looked at
+    pairs = pairs._replace(listed=np.arange(family.size))
+    return ShapesAtMesh(family.at_mesh, pairs, family.frames, np.zeros((len(family.frames), 4, 3)))
 
 
 def _no_walls(constraints: AdmissibleSet) -> Any:

@@ -9,9 +9,9 @@ from ..rows import Array
 
 # most rows that the kernel finds; more are left to Python
 MOST_ROWS = 400
-# what a family is; `GIVEN` are functions of the user
-LIMITS, HALF_SPACES, PAIRS, BALLS, GIVEN = range(5)
-# what `active_rows` returns: the rows are known; they are too many; a pair of shapes must be measured
+# what a family is; `GIVEN` are functions of the user, the last two are spheres and other shapes at a mesh
+LIMITS, HALF_SPACES, PAIRS, BALLS, GIVEN, BALLS_AT_MESH, SHAPES_AT_MESH = range(7)
+# what `active_rows` returns: the rows are known; they are too many; shapes must be measured
 FOUND, TOO_MANY, UNRESOLVED = range(3)
 
 

@@ -10,20 +10,10 @@ from ..meshes.creases import Creases
 from ..meshes.triangles import FEW
 from ..shapes.convex_cores import Cores
 from .mesh_contacts import nearest_on_triangle
+from .near_features import CoresAtMesh, box_apart, place_core
 from .surface_features import above, crossing, from_segment
-from .surface_rows import place_core
 
 _DEEPEST = 64
-
-
-@kernel("f8(f8[:,::1], i8, f8[::1], f8[::1])")
-def _box_apart(boxes: Array, k: int, low: Array, high: Array) -> float:
-    """Return the distance of box k of a tree from another box [m]."""
-    square = 0.0
-    for c in range(3):
-        apart = max(boxes[k, c] - high[c], low[c] - boxes[k, 3 + c], 0.0)
-        square += apart * apart
-    return np.sqrt(square)
 
 
 @kernel("f8(Cores, i8, i8, f8[:,::1], f8[:,::1], i8, f8, f8, f8)")
@@ -114,24 +104,21 @@ def nearer(
     return best
 
 
-@kernel(
-    "void(f8[:,:,::1], Tuple(Creases), Tuple(Cores), i8[::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[:,::1],"
-    " f8[:,::1])"
-)
+@kernel("void(CoresAtMesh, f8[:,:,::1], i8[::1], f8[::1], f8[:,::1], f8[:,::1])")
 def surface_distances(
-    places: Array, creases: tuple[Array, ...], cores: tuple[Array, ...], some: Array, points: Array, faces: Array,
-    out: Array, distance: Array, point: Array, normal: Array,
-) -> None:  # fmt: skip
+    at: CoresAtMesh, places: Array, some: Array, distance: Array, point: Array, normal: Array
+) -> None:
     """Write the distances of some cores from a mesh that they do not overlap; infinite behind all triangles.
 
     Parameters
     ----------
-    places, creases, cores, some, points, faces, out
+    at, places, some
         See `surface_contacts`.
     distance, point, normal : ndarray, shapes (k,), (k, 3), (k, 3)
         Receive, of each of them, the distance, the core's nearest point, and the unit vector to it from the mesh.
     """
-    mesh, table, stack, found = Creases(*creases), Cores(*cores), np.empty(_DEEPEST, np.int64), np.empty(6)
+    mesh, table, stack, found = at.mesh, at.cores, np.empty(_DEEPEST, np.int64), np.empty(6)
+    points, faces, out = at.points, at.faces, at.out
     low, high, middle, leaves = np.empty(3), np.empty(3), np.empty(3), len(mesh.boxes) // 2
     for n in range(len(some)):
         s = some[n]
@@ -147,11 +134,11 @@ def surface_distances(
             waiting -= 1
             k = stack[waiting]
             # written so that an empty box, at an infinite distance, is left out
-            if not _box_apart(mesh.boxes, k, low, high) < best:
+            if not box_apart(mesh.boxes, k, low, high) < best:
                 continue
             if k < leaves:
                 far = 2 * k
-                if _box_apart(mesh.boxes, far, low, high) < _box_apart(mesh.boxes, far + 1, low, high):
+                if box_apart(mesh.boxes, far, low, high) < box_apart(mesh.boxes, far + 1, low, high):
                     far += 1
                 stack[waiting], stack[waiting + 1] = far, far ^ 1
                 waiting += 2

@@ -18,7 +18,7 @@ from ..meshes.creases import RIDGE, VALLEY, Creases
 from ..shapes.convex_cores import Cores
 
 # sine of an angle by which a normal may lie beyond those that a feature can have
-_BESIDE = 1e-6
+BESIDE = 1e-6
 # sine of the angle of two edges below which they do not cross
 _CROSS = 1e-3
 # share of an edge beyond its ends at which another that crosses there is looked at more closely
@@ -39,11 +39,11 @@ def looks_at(planes: Array, t: int, middle: Array, height: float) -> bool:
     return above(planes, t, 0, middle[0], middle[1], middle[2]) > max(height, 0.0)
 
 
-@kernel("b1(Creases, i8, f8, f8, f8)")
-def in_cone(mesh: Creases, peak: int, x: float, y: float, z: float) -> bool:
-    """Return whether a unit vector is one of the normals that a peak can have."""
+@kernel("b1(Creases, i8, f8, f8, f8, f8)")
+def in_cone(mesh: Creases, peak: int, x: float, y: float, z: float, beside: float) -> bool:
+    """Return whether a unit vector is one of the normals that a peak can have, or beside these by a sine."""
     for i in range(mesh.first[peak], mesh.first[peak + 1]):
-        if mesh.edges[i, 0] * x + mesh.edges[i, 1] * y + mesh.edges[i, 2] * z > _BESIDE:
+        if mesh.edges[i, 0] * x + mesh.edges[i, 1] * y + mesh.edges[i, 2] * z > beside:
             return False
     return True
 
@@ -52,12 +52,12 @@ def in_cone(mesh: Creases, peak: int, x: float, y: float, z: float) -> bool:
 def in_arc(mesh: Creases, t: int, k: int, x: float, y: float, z: float) -> bool:
     """Return whether a unit vector across the ridge at edge k of triangle t is one of the normals it can have."""
     planes, u = mesh.planes, mesh.beyond[t, k]
-    if planes[t, 1 + k, 0] * x + planes[t, 1 + k, 1] * y + planes[t, 1 + k, 2] * z > _BESIDE:
+    if planes[t, 1 + k, 0] * x + planes[t, 1 + k, 1] * y + planes[t, 1 + k, 2] * z > BESIDE:
         return False
     if u < 0:
-        return planes[t, 0, 0] * x + planes[t, 0, 1] * y + planes[t, 0, 2] * z >= -_BESIDE
+        return planes[t, 0, 0] * x + planes[t, 0, 1] * y + planes[t, 0, 2] * z >= -BESIDE
     j = 1 + shared_side(mesh, u, t)
-    return planes[u, j, 0] * x + planes[u, j, 1] * y + planes[u, j, 2] * z <= _BESIDE
+    return planes[u, j, 0] * x + planes[u, j, 1] * y + planes[u, j, 2] * z <= BESIDE
 
 
 @kernel("i8(Creases, i8, i8)")
@@ -140,7 +140,7 @@ def on_core_face(
     """
     x, y, z = mesh.vertices[peak, 0], mesh.vertices[peak, 1], mesh.vertices[peak, 2]
     p, q, r = faces[face, 0], faces[face, 1], faces[face, 2]
-    if not in_cone(mesh, mesh.peak[peak], -p, -q, -r):
+    if not in_cone(mesh, mesh.peak[peak], -p, -q, -r, BESIDE):
         return False
     for i in range(cores.first_side[first_face + face], cores.first_side[first_face + face + 1]):
         a, b = cores.sides[i, 0] - first_point, cores.sides[i, 1] - first_point
@@ -157,7 +157,7 @@ def on_core_face(
             if gap > 0.0:
                 alike = p * faces[j, 0] + q * faces[j, 1] + r * faces[j, 2]
             if _outdone(gap, other, alike, margin) and in_cone(
-                mesh, mesh.peak[peak], -faces[j, 0], -faces[j, 1], -faces[j, 2]
+                mesh, mesh.peak[peak], -faces[j, 0], -faces[j, 1], -faces[j, 2], BESIDE
             ):
                 return False
     return True
@@ -239,14 +239,14 @@ def across_ridge(
         j = cores.edges[edge, 2 + turn] - first_face
         p, q, r = faces[j, 0], faces[j, 1], faces[j, 2]
         into = (q * e2 - r * e1) * x + (r * e0 - p * e2) * y + (p * e1 - q * e0) * z
-        if (into if turn == 0 else -into) < -_BESIDE * length:
+        if (into if turn == 0 else -into) < -BESIDE * length:
             return False
         for end in range(2):
             v = c if end == 0 else d
             if out[9 + end] <= near and mesh.peak[v] >= 0:
                 other = p * mesh.vertices[v, 0] + q * mesh.vertices[v, 1] + r * mesh.vertices[v, 2] - faces[j, 3]
                 alike = -(p * x + q * y + r * z)
-                if _outdone(gap, other, alike, margin) and in_cone(mesh, mesh.peak[v], -p, -q, -r):
+                if _outdone(gap, other, alike, margin) and in_cone(mesh, mesh.peak[v], -p, -q, -r, BESIDE):
                     return False
             v, w = (a if end == 0 else b), (t if turn == 0 else u)
             if out[7 + end] <= near and w >= 0:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -65,8 +66,18 @@ class Creases(NamedTuple):
     edges: Array
 
 
+# copies of a problem share its meshes
+_known: WeakKeyDictionary[Surface, Creases] = WeakKeyDictionary()
+
+
 def creases_of(surface: Surface) -> Creases:
     """Return the creases of a mesh."""
+    if surface not in _known:
+        _known[surface] = _creases_of(surface)
+    return _known[surface]
+
+
+def _creases_of(surface: Surface) -> Creases:
     x, corner = surface.vertices, surface.triangles
     a, b, c = (x[corner[:, k]] for k in range(3))
     planes = np.zeros((len(corner), 4, 4))

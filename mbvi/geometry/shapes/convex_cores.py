@@ -101,12 +101,12 @@ def cores_of(shapes: Sequence[PlacedShape], frame: Array) -> Cores:
     ints = [np.array(each, dtype=np.int64) for each in (first_point, first_edge, first_face, first_side)]
     return Cores(
         np.array(frame, dtype=np.int64),
-        np.array(sizes),
+        np.array(sizes).reshape(-1, 6),
         ints[0],
-        np.concatenate(points),
-        np.ascontiguousarray(np.concatenate(edges).astype(np.int64)),
+        np.concatenate([np.zeros((0, 3)), *points]),
+        np.ascontiguousarray(np.concatenate([np.zeros((0, 4)), *edges]).astype(np.int64)),
         ints[1],
-        np.ascontiguousarray(np.concatenate(faces)),
+        np.ascontiguousarray(np.concatenate([np.zeros((0, 4)), *faces])),
         ints[2],
         np.concatenate([np.zeros((0, 3), np.int64), *sides]).astype(np.int64),
         ints[3],

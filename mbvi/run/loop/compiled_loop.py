@@ -10,7 +10,7 @@ import numpy as np
 from ...compiled import held
 from ...constraints import Rows
 from ...constraints.contact import Contact
-from ...constraints.mechanism.state import MechanismState, pairs_of_shapes, row_buffer
+from ...constraints.mechanism.state import MechanismState, columns_of, row_buffer
 from ...constraints.mechanism.tables import MOST_ROWS
 from ...constraints.tangents import Tangents
 from ...problem import Problem
@@ -288,7 +288,7 @@ def loop_record(
         t, q, v, penetration, violation, residual, np.zeros(1, np.int64), np.zeros(CHUNK + 1, np.int64),
         np.zeros(CHUNK, bool), np.zeros(_ROWS, np.int64), np.zeros((_ROWS, width)), problem.constraints.lever,
         problem.constraints.limits, np.zeros(4 * MOST_ROWS), *guard.shares,
-        guard.thickness(pairs_of_shapes(problem.constraints)), guard.slow_speed, scheme.timing.jump, np.zeros(pairs),
+        *columns_of(problem.constraints, guard.watched), guard.slow_speed, scheme.timing.jump, np.zeros(pairs),
         np.zeros((3, nv)), np.zeros((2, nq)),
     )  # fmt: skip
 

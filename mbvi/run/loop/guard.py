@@ -5,15 +5,16 @@ from __future__ import annotations
 import numpy as np
 
 from ...compiled import kernel
+from ...constraints.mechanism.meshes import is_clear_of_mesh, may_enter_mesh
 from ...constraints.mechanism.pairs import distance_of, is_beyond, place_bodies
 from ...constraints.mechanism.rows import MechanismConstraints
-from ...constraints.mechanism.tables import PAIRS
+from ...constraints.mechanism.tables import PAIRS, SHAPES_AT_MESH
 from ...schemes.kernels.records import MechanismStep
 from ...system.mechanisms.mechanism import place
 from ...system.mechanisms.pinocchio_address import retract, tangent
 from ...system.system import Array
 from ..control_stability import TURN
-from ..tunnelling import DEPTH, RUNAWAY
+from ..tunnelling import DEEP, DEPTH, RUNAWAY
 from .loop_record import LoopRecord
 
 # configurations at which a pair is measured along a displacement
@@ -47,13 +48,16 @@ def distance_after(
 
 
 @kernel("b1(MechanismStep, LoopRecord, i8, f8[::1], f8[::1])")
-def may_touch(s: MechanismStep, log: LoopRecord, pair: int, q: Array, displacement: Array) -> bool:
+def may_touch(s: MechanismStep, log: LoopRecord, column: int, q: Array, displacement: Array) -> bool:
     """Return whether a pair of shapes that could pass through each other may touch on a displacement, shape (nv,).
+
+    `column` is its place among those that the guard looks at.
 
     The search (conservative advancement) takes steps within which the pair cannot touch. A pair that touches at the
     start counts only if it sinks.
     """
-    travel, thickness, reach, tolerance = 0.0, log.thickness[pair], s.constraints.pairs.reach, s.scales.tolerance
+    travel, thickness, reach, tolerance = 0.0, log.thickness[column], s.constraints.pairs.reach, s.scales.tolerance
+    pair = log.member[column]
     for k in range(len(displacement)):
         travel += abs(displacement[k]) * reach[k, pair]
     if not travel > thickness:
@@ -74,6 +78,23 @@ def may_touch(s: MechanismStep, log: LoopRecord, pair: int, q: Array, displaceme
             return False
         gap = distance_after(s, log, pair, q, displacement, share, near)
     return True
+
+
+@kernel("b1(MechanismStep, LoopRecord, i8, f8[::1], f8[::1], f8)")
+def may_enter(s: MechanismStep, log: LoopRecord, column: int, q: Array, v: Array, h: float) -> bool:
+    """Return whether a shape may get deep into a mesh in a step, from q, v; `column` is that of `may_touch`."""
+    shapes, member, thickness = s.constraints.at_mesh, log.member[column], log.thickness[column]
+    far = 2.0 * log.travel[column] * thickness
+    # most are far from the mesh, or move less than the bound of their travel
+    if is_clear_of_mesh(s.mechanism, shapes, s.constraints.cache.q, member, far):
+        return False
+    moved, middle = log.tangents[1], log.places[0]
+    for k in range(len(v)):
+        moved[k] = log.jump * h * v[k]
+    retract(s.mechanism.calls, q, moved, middle)
+    if log.jump > 0.0 and may_enter_mesh(s.mechanism, shapes, member, q, middle, DEEP * thickness):
+        return True
+    return log.jump < 1.0 and may_enter_mesh(s.mechanism, shapes, member, middle, s.q, DEEP * thickness)
 
 
 @kernel("void(f8[:,::1], f8[::1], f8[::1])")
@@ -130,15 +151,22 @@ def may_pass(s: MechanismStep, log: LoopRecord, q: Array, v: Array, h: float, li
     for i in range(pairs):
         # a pair that is farther apart than it travels, there and back, does not pass
         far = 2.0 * travel[i] * log.thickness[i]
-        if travel[i] < 1.0 or far < clearance_of(s.constraints, i):
+        if travel[i] < 1.0:
             continue
-        if far == np.inf:
+        if log.kind[i] == SHAPES_AT_MESH:
+            placed = False
+            if may_enter(s, log, i, q, v, h):
+                return True
+            continue
+        if log.kind[i] != PAIRS:
             return True
+        if far < clearance_of(s.constraints, log.member[i]):
+            continue
         if not placed:
             place(s.mechanism, s.constraints.cache.q)
             place_bodies(s.mechanism, s.constraints.near)
             placed = True
-        if is_beyond(s.constraints.shapes, s.constraints.near, i, far):
+        if is_beyond(s.constraints.shapes, s.constraints.near, log.member[i], far):
             continue
         placed, moved = False, log.tangents[1]
         for k in range(n):

@@ -14,7 +14,7 @@ PLAIN, ROUGH, TURNING = 12, 27, 39
 
 @record(
     "f8[::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], i8[::1], i8[::1], b1[::1], i8[::1], f8[:,::1], f8[::1],"
-    " i8, f8[::1], f8[::1], f8[:,::1], f8[::1], f8, f8, f8[::1], f8[:,::1], f8[:,::1]"
+    " i8, f8[::1], f8[::1], f8[:,::1], i8[::1], i8[::1], f8[::1], f8, f8, f8[::1], f8[:,::1], f8[:,::1]"
 )
 class LoopRecord(NamedTuple):
     """The states of a run, and the rows of the steps of one call.
@@ -37,8 +37,8 @@ class LoopRecord(NamedTuple):
         Room for the percussions at the beginning of a step.
     share, shares : ndarray, shapes (nv,) and (nv, m)
         See `TunnellingGuard.shares`.
-    thickness : ndarray, shape (m,)
-        Thickness of the pairs of shapes, of which the first `shares` are [m]; infinite for others.
+    kind, member, thickness : ndarray, shape (m,)
+        See `columns_of`.
     slow_speed : float
         See `TunnellingGuard`.
     jump : float
@@ -65,6 +65,8 @@ class LoopRecord(NamedTuple):
     before: Array
     share: Array
     shares: Array
+    kind: Array
+    member: Array
     thickness: Array
     slow_speed: float
     jump: float

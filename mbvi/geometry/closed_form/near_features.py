@@ -1,0 +1,589 @@
+"""Features of convex cores that may touch features of a mesh, listed once and kept until the cores have moved far.
+
+A list holds all features that touch before a core has moved by a given length, so that what touches does not depend on
+when it was made. `surface_rows` looks at the listed features only.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...arguments import Array
+from ...compiled import kernel, record
+from ..meshes.creases import RIM, VALLEY, Creases
+from ..meshes.triangles import FEW
+from ..shapes.convex_cores import Cores
+from .surface_features import BESIDE, above, in_cone, shared_side
+
+# the most boxes that wait in a search: one for each time that the number of triangles is halved, and one more
+_DEEPEST = 64
+# kinds of features: an edge of the core across ridge k of a triangle, a face of the core at the peak in its corner, a
+# vertex of the core on it, the rims of a cylinder on it
+PEAK, ON_IT, ON_RIM = 3, 6, 7
+# what a part of an arc of normals may add to the larger of the heights of its ends, relative to its chord
+_ARC = 0.71
+
+
+@record(
+    "Creases, Cores, f8, f8[::1], f8[::1], f8[::1], f8[:,:,::1], i8[:,:,::1], i8[:,::1], i8[::1], i8[::1], i8[::1],"
+    " f8[:,::1], f8[:,::1], b1[:,::1], i8[:,::1], f8[:,::1], f8[:,::1], i8[::1], f8[::1], i8[::1], f8[::1], f8[:,::1],"
+    " f8[:,::1]"
+)
+class CoresAtMesh(NamedTuple):
+    """A mesh and convex cores, with the features of each core that may touch it.
+
+    Attributes
+    ----------
+    mesh, cores : Creases, Cores
+        The mesh, and s cores.
+    eps : float
+        Rounding [m].
+    skin : ndarray, shape (s,)
+        How far each core may move until its features are listed again [m].
+    reach : ndarray, shape (s,)
+        The greatest gap at which the listed features touch [m]; the greatest depth is the radius of the ball inside.
+    slack : ndarray, shape (s,)
+        How far each core may move from where they were listed [m]; negative before the first list.
+    place : ndarray, shape (s, 4, 3)
+        The columns of its rotation there, and its middle.
+    features : ndarray of int, shape (s, k, 3)
+        A triangle; `k` for its edge k, `PEAK` + k for its corner k, `ON_IT` and `ON_RIM` for the triangle itself; and
+        the edge, face or vertex of the core, edges counted in `cores`, the others in the core; 0 for its rims.
+    counts : ndarray of int, shape (s, 3)
+        How many features, vertices and faces are listed.
+    used_points, used_faces : ndarray of int, shapes of the vertices and the faces of `cores`
+        The vertices and faces that the features have, counted in the core, from the places of its own on.
+    near, points, faces, marks, chosen, boxes : ndarray
+        Room for triangles; for vertices and faces of any core in the world, for marks of these, for its edges and
+        boxes about them.
+    rows, group, out : ndarray, shapes (r, 7), (r,) and (12,)
+        Room for the rows of one core.
+    shape, gap, point, normal : ndarray, shapes (m,), (m,), (m, 3), (m, 3)
+        Receive the core of each contact, its gap, its point on the core's surface, and the normal towards the core.
+    """
+
+    mesh: Creases
+    cores: Cores
+    eps: float
+    skin: Array
+    reach: Array
+    slack: Array
+    place: Array
+    features: Array
+    counts: Array
+    used_points: Array
+    used_faces: Array
+    near: Array
+    points: Array
+    faces: Array
+    marks: Array
+    chosen: Array
+    boxes: Array
+    rows: Array
+    group: Array
+    out: Array
+    shape: Array
+    gap: Array
+    point: Array
+    normal: Array
+
+
+@kernel("i8(Creases, f8[::1], f8[::1], i8[::1])")
+def triangles_in_box(mesh: Creases, low: Array, high: Array, found: Array) -> int:
+    """List the triangles whose boxes meet a box, ascending by their places in the tree; count all if room is short.
+
+    Parameters
+    ----------
+    mesh : Creases
+    low, high : ndarray, shape (3,)
+        Least and largest coordinates of the box [m].
+    found : ndarray of int, shape (k,)
+        Receives the triangles.
+    """
+    boxes, leaves, stack, count = mesh.boxes, len(mesh.boxes) // 2, np.empty(_DEEPEST, np.int64), 0
+    stack[0], waiting = 1, 1
+    while waiting > 0:
+        waiting -= 1
+        k, apart = stack[waiting], False
+        for c in range(3):
+            # an empty box is apart from all
+            apart = apart or boxes[k, c] > high[c] or boxes[k, 3 + c] < low[c]
+        if apart:
+            continue
+        if k < leaves:
+            stack[waiting], stack[waiting + 1] = 2 * k + 1, 2 * k
+            waiting += 2
+            continue
+        begin = (k - leaves) * FEW
+        for j in range(begin, min(begin + FEW, len(mesh.order))):
+            t, apart = mesh.order[j], False
+            a, b, d = mesh.triangles[t, 0], mesh.triangles[t, 1], mesh.triangles[t, 2]
+            for c in range(3):
+                x, y, z = mesh.vertices[a, c], mesh.vertices[b, c], mesh.vertices[d, c]
+                apart = apart or min(x, y, z) > high[c] or max(x, y, z) < low[c]
+            if not apart:
+                if count < len(found):
+                    found[count] = t
+                count += 1
+    return count
+
+
+@kernel("f8(f8[:,::1], i8, f8[::1], f8[::1])")
+def box_apart(boxes: Array, k: int, low: Array, high: Array) -> float:
+    """Return the distance of box k of a tree from another box [m]."""
+    square = 0.0
+    for c in range(3):
+        apart = max(boxes[k, c] - high[c], low[c] - boxes[k, 3 + c], 0.0)
+        square += apart * apart
+    return np.sqrt(square)
+
+
+@kernel("f8(f8[:,::1], f8[::1], f8[::1])")
+def tree_apart(boxes: Array, low: Array, high: Array) -> float:
+    """Return the least distance of the last boxes of a tree from another box [m]."""
+    leaves, stack, best = len(boxes) // 2, np.empty(_DEEPEST, np.int64), np.inf
+    stack[0], waiting = 1, 1
+    while waiting > 0:
+        waiting -= 1
+        k = stack[waiting]
+        apart = box_apart(boxes, k, low, high)
+        # written so that an empty box, at an infinite distance, is left out
+        if not apart < best:
+            continue
+        if k >= leaves:
+            best = apart
+            continue
+        far = 2 * k
+        if box_apart(boxes, far, low, high) < box_apart(boxes, far + 1, low, high):
+            far += 1
+        stack[waiting], stack[waiting + 1] = far, far ^ 1
+        waiting += 2
+    return best
+
+
+@kernel("f8(f8[:,:,::1], Cores, i8, i8)")
+def middle_of(places: Array, cores: Cores, s: int, c: int) -> float:
+    """Return coordinate c of the middle of core s in the world; see `place_core`."""
+    f = cores.frame[s]
+    x = places[f, 3, c]
+    for k in range(3):
+        x += cores.sizes[s, k] * places[f, k, c]
+    return x
+
+
+@kernel("void(f8[:,:,::1], Cores, i8, i8, f8[:,::1])")
+def place_point(places: Array, cores: Cores, s: int, i: int, points: Array) -> None:
+    """Write vertex i of core s in the world; see `place_core`."""
+    f, a = cores.frame[s], cores.first_point[s] + i
+    for c in range(3):
+        points[i, c] = places[f, 3, c]
+        for k in range(3):
+            points[i, c] += cores.points[a, k] * places[f, k, c]
+
+
+@kernel("void(f8[:,:,::1], Cores, i8, i8, f8[:,::1])")
+def place_face(places: Array, cores: Cores, s: int, i: int, faces: Array) -> None:
+    """Write face i of core s in the world; see `place_core`."""
+    f, a = cores.frame[s], cores.first_face[s] + i
+    faces[i, 3] = cores.faces[a, 3]
+    for c in range(3):
+        faces[i, c] = 0.0
+        for k in range(3):
+            faces[i, c] += cores.faces[a, k] * places[f, k, c]
+        faces[i, 3] += faces[i, c] * places[f, 3, c]
+
+
+@kernel("void(f8[:,:,::1], Cores, i8, f8[:,::1], f8[:,::1], f8[::1])")
+def place_core(places: Array, cores: Cores, s: int, points: Array, faces: Array, middle: Array) -> None:
+    """Write the vertices, the faces and the middle of core s in the world.
+
+    Parameters
+    ----------
+    places : ndarray, shape (b, 4, 3)
+        Placements of the bodies: columns of the rotation, then the origin.
+    points, faces, middle : ndarray, shapes (n, 3), (f, 4) and (3,)
+        Receive them in their first places.
+    """
+    for c in range(3):
+        middle[c] = middle_of(places, cores, s, c)
+    for i in range(cores.first_point[s + 1] - cores.first_point[s]):
+        place_point(places, cores, s, i, points)
+    for i in range(cores.first_face[s + 1] - cores.first_face[s]):
+        place_face(places, cores, s, i, faces)
+
+
+@kernel("f8(CoresAtMesh, i8)")
+def lever_of(at: CoresAtMesh, s: int) -> float:
+    """Return the radius of a ball about the middle of core s that holds all that it may touch [m]."""
+    return at.cores.sizes[s, 5] + max(at.reach[s], at.cores.sizes[s, 4]) + at.skin[s]
+
+
+@kernel("f8(CoresAtMesh, f8[:,::1], f8[:,:,::1], i8)")
+def travel_from(at: CoresAtMesh, before: Array, places: Array, s: int) -> float:
+    """Return a bound of how far any point near core s has moved with it [m].
+
+    `before`, shape (4, 3), has the columns of its rotation and its middle where it was.
+    """
+    f, turned, moved = at.cores.frame[s], 0.0, 0.0
+    for c in range(3):
+        moved += (middle_of(places, at.cores, s, c) - before[3, c]) ** 2
+        for k in range(3):
+            turned += (places[f, k, c] - before[k, c]) ** 2
+    # a rotation moves no unit vector farther than its Frobenius norm divided by the root of 2
+    return np.sqrt(moved) + np.sqrt(0.5 * turned) * lever_of(at, s)
+
+
+@kernel("f8(CoresAtMesh, f8[:,:,::1], i8)")
+def free_way(at: CoresAtMesh, places: Array, s: int) -> float:
+    """Return a lower bound of how far core s may move until it can touch the mesh [m]; not above 0 where it is near."""
+    if at.counts[s, 0] > 0 or at.slack[s] <= at.skin[s]:
+        return 0.0
+    return at.slack[s] - travel_from(at, at.place[s], places, s)
+
+
+@kernel("b1(CoresAtMesh, i8, i8, i8, i8, f8)")
+def may_cross(at: CoresAtMesh, s: int, t: int, k: int, edge: int, turn: float) -> bool:
+    """Return whether an edge of core s, which is placed, and edge k of triangle t, a ridge, may have equal normals.
+
+    `turn` is how far a unit vector may move with the core.
+    """
+    mesh, cores, points, faces = at.mesh, at.cores, at.points, at.faces
+    first, face = cores.first_point[s], cores.first_face[s]
+    a, b = cores.edges[edge, 0] - first, cores.edges[edge, 1] - first
+    c, d = mesh.triangles[t, k], mesh.triangles[t, (k + 1) % 3]
+    u0, u1, u2 = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1], points[b, 2] - points[a, 2]
+    w0, w1, w2 = (
+        mesh.vertices[d, 0] - mesh.vertices[c, 0],
+        mesh.vertices[d, 1] - mesh.vertices[c, 1],
+        mesh.vertices[d, 2] - mesh.vertices[c, 2],
+    )
+    x, y, z = u1 * w2 - u2 * w1, u2 * w0 - u0 * w2, u0 * w1 - u1 * w0
+    one, two = np.sqrt(u0 * u0 + u1 * u1 + u2 * u2), np.sqrt(w0 * w0 + w1 * w1 + w2 * w2)
+    length = np.sqrt(x * x + y * y + z * z)
+    sine = length / (one * two)
+    if sine <= 4.0 * turn:
+        return True
+    x, y, z, change = x / length, y / length, z / length, 2.0 * turn / sine
+    planes, u = mesh.planes, mesh.beyond[t, k]
+    outward = 0.0
+    for i in range(3):
+        n = x if i == 0 else (y if i == 1 else z)
+        outward += n * (planes[t, 0, i] + (planes[u, 0, i] if u >= 0 else -planes[t, 1 + k, i]))
+    if abs(outward) <= 2.0 * change:
+        return True
+    if outward < 0.0:
+        x, y, z = -x, -y, -z
+    most = BESIDE + change
+    if planes[t, 1 + k, 0] * x + planes[t, 1 + k, 1] * y + planes[t, 1 + k, 2] * z > most:
+        return False
+    if u < 0:
+        if planes[t, 0, 0] * x + planes[t, 0, 1] * y + planes[t, 0, 2] * z < -most:
+            return False
+    else:
+        j = 1 + shared_side(mesh, u, t)
+        if planes[u, j, 0] * x + planes[u, j, 1] * y + planes[u, j, 2] * z > most:
+            return False
+    for turned in range(2):
+        j = cores.edges[edge, 2 + turned] - face
+        p, q, r = faces[j, 0], faces[j, 1], faces[j, 2]
+        into = ((q * u2 - r * u1) * x + (r * u0 - p * u2) * y + (p * u1 - q * u0) * z) / one
+        if (into if turned == 0 else -into) < -most - turn:
+            return False
+    return True
+
+
+@kernel("b1(f8[::1], f8[::1], f8[:,::1], i8)")
+def meets_box(low: Array, high: Array, boxes: Array, k: int) -> bool:
+    """Return whether a box and the box in row k of others meet."""
+    for c in range(3):
+        if low[c] > boxes[k, 3 + c] or high[c] < boxes[k, c]:
+            return False
+    return True
+
+
+@kernel("f8(CoresAtMesh, i8, f8[::1])")
+def narrow_cone(at: CoresAtMesh, count: int, axis: Array) -> float:
+    """Write the axis of a cone of all normals of ridges and peaks of the first `near` triangles.
+
+    Return the least cosine of the angle of a normal and the axis; -2 if it is not known.
+    """
+    mesh, length, least = at.mesh, 0.0, 1.0
+    for c in range(3):
+        axis[c] = 0.0
+        for j in range(count):
+            axis[c] += mesh.planes[at.near[j], 0, c]
+        length += axis[c] * axis[c]
+    length = np.sqrt(length)
+    for c in range(3):
+        axis[c] /= max(length, 1e-300)
+    for j in range(count):
+        t, along = at.near[j], 0.0
+        for c in range(3):
+            along += mesh.planes[t, 0, c] * axis[c]
+        least = min(least, along)
+        for k in range(3):
+            # those of what surrounds a peak, too; at the rim there are imagined walls
+            if mesh.bend[t, k] == RIM:
+                return -2.0
+    return least if least > 0.0 else -2.0
+
+
+@kernel("i8(CoresAtMesh, i8, i8, i8, i8, i8)")
+def append(at: CoresAtMesh, s: int, count: int, t: int, k: int, e: int) -> int:
+    """Append a feature of core s to its list, if there is room; return the new count."""
+    if count < at.features.shape[1]:
+        at.features[s, count, 0], at.features[s, count, 1], at.features[s, count, 2] = t, k, e
+    return count + 1
+
+
+@kernel("b1(f8[:,::1], i8, f8[::1], f8[::1], f8, f8)")
+def is_beyond_middle(points: Array, i: int, middle: Array, axis: Array, least: float, skin: float) -> bool:
+    """Return whether a vertex is farther than the middle of its core along each normal of a cone, by twice the skin.
+
+    `axis` and `least` are those of `narrow_cone`.
+    """
+    along = square = 0.0
+    for c in range(3):
+        x = middle[c] - points[i, c]
+        along += x * axis[c]
+        square += x * x
+    across = np.sqrt(max(square - along * along, 0.0))
+    if along > 0.0 and along * along >= least * least * square:
+        return False
+    return along * least + across * np.sqrt(1.0 - least * least) <= -2.0 * skin
+
+
+@kernel("i8(CoresAtMesh, i8, i8, f8, f8[::1], f8[::1], f8)")
+def list_vertices(
+    at: CoresAtMesh, s: int, triangles: int, margin: float, middle: Array, axis: Array, least: float
+) -> int:
+    """List the vertices of core s, which is placed, that may touch near triangles; return how many.
+
+    Parameters
+    ----------
+    margin : float
+        How far features give way to others [m].
+    middle : ndarray, shape (3,)
+        Middle of the core.
+    axis, least
+        Of `narrow_cone`.
+    """
+    mesh, points, skin, count = at.mesh, at.points, at.skin[s] + at.eps, 0
+    radius, inner = at.cores.sizes[s, 3], at.cores.sizes[s, 4]
+    # in the corner below both triangles of a valley both count
+    corner = skin + max(inner, margin)
+    for i in range(at.cores.first_point[s + 1] - at.cores.first_point[s]):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        if radius == 0.0 and least > 0.0 and is_beyond_middle(points, i, middle, axis, least, skin):
+            continue
+        for j in range(triangles):
+            t = at.near[j]
+            height, k = above(mesh.planes, t, 0, x, y, z) - radius, 0
+            if not -inner - radius - skin <= height <= at.reach[s] + skin:
+                continue
+            if radius == 0.0 and above(mesh.planes, t, 0, middle[0], middle[1], middle[2]) < height - 2.0 * skin:
+                continue
+            while k < 3 and above(mesh.planes, t, 1 + k, x, y, z) >= (-corner if mesh.bend[t, k] == VALLEY else -skin):
+                k += 1
+            if k == 3:
+                count = append(at, s, count, t, ON_IT, i)
+    return count
+
+
+@kernel("i8(CoresAtMesh, f8[:,:,::1], i8, f8[::1], f8, f8, f8)")
+def choose_edges(
+    at: CoresAtMesh, places: Array, s: int, axis: Array, least: float, turn: float, around: float
+) -> int:  # fmt: skip
+    """List the edges of core s that may have a normal of the near triangles, and place their faces; return how many.
+
+    Parameters
+    ----------
+    axis, least
+        Of `narrow_cone`, the axis in the frame of the core's body.
+    turn : float
+        How far a unit vector may move with the core.
+    around : float
+        By how much the box about each edge is widened [m].
+    """
+    cores, points, count = at.cores, at.points, 0
+    first, face = cores.first_point[s], cores.first_face[s]
+    for e in range(cores.first_edge[s], cores.first_edge[s + 1]):
+        a, b, p, q = cores.edges[e, 0] - first, cores.edges[e, 1] - first, cores.edges[e, 2], cores.edges[e, 3]
+        if p >= 0:
+            one = two = chord = 0.0
+            for c in range(3):
+                one -= cores.faces[p, c] * axis[c]
+                two -= cores.faces[q, c] * axis[c]
+                chord += (cores.faces[p, c] - cores.faces[q, c]) ** 2
+            if max(one, two) + _ARC * np.sqrt(chord) < least - turn - BESIDE:
+                continue
+            place_face(places, cores, s, p - face, at.faces)
+            place_face(places, cores, s, q - face, at.faces)
+        at.chosen[0, count] = e
+        for c in range(3):
+            x, y = points[a, c], points[b, c]
+            at.boxes[count, c], at.boxes[count, 3 + c] = min(x, y) - around, max(x, y) + around
+        count += 1
+    return count
+
+
+@kernel("i8(CoresAtMesh, f8[:,:,::1], i8, f8[::1], f8, f8)")
+def choose_faces(at: CoresAtMesh, places: Array, s: int, axis: Array, least: float, turn: float) -> int:
+    """List the faces of core s that may have a normal of the near triangles, and place them; see `choose_edges`."""
+    cores, count, face = at.cores, 0, at.cores.first_face[s]
+    for f in range(cores.first_face[s + 1] - face):
+        along = 0.0
+        for c in range(3):
+            along -= cores.faces[face + f, c] * axis[c]
+        if along >= least - turn - BESIDE:
+            place_face(places, cores, s, f, at.faces)
+            at.chosen[1, count] = f
+            count += 1
+    return count
+
+
+@kernel("b1(CoresAtMesh, i8, i8, i8, f8)")
+def may_hold(at: CoresAtMesh, s: int, f: int, p: int, turn: float) -> bool:
+    """Return whether face f of core s, which is placed, may come to touch vertex p of the mesh, a peak.
+
+    `turn` is how far a unit vector may move with the core.
+    """
+    mesh, cores, points, faces, skin = at.mesh, at.cores, at.points, at.faces, at.skin[s] + at.eps
+    x, y, z = mesh.vertices[p, 0], mesh.vertices[p, 1], mesh.vertices[p, 2]
+    d, m, n = faces[f, 0], faces[f, 1], faces[f, 2]
+    gap = d * x + m * y + n * z - faces[f, 3]
+    if not -cores.sizes[s, 4] - skin <= gap <= at.reach[s] + skin:
+        return False
+    if not in_cone(mesh, mesh.peak[p], -d, -m, -n, BESIDE + turn):
+        return False
+    first, face = cores.first_point[s], cores.first_face[s] + f
+    for i in range(cores.first_side[face], cores.first_side[face + 1]):
+        a, b = cores.sides[i, 0] - first, cores.sides[i, 1] - first
+        u, v, w = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1], points[b, 2] - points[a, 2]
+        side = (m * w - n * v) * (x - points[a, 0]) + (n * u - d * w) * (y - points[a, 1])
+        if side + (d * v - m * u) * (z - points[a, 2]) < -skin * np.sqrt(u * u + v * v + w * w):
+            return False
+    return True
+
+
+@kernel("void(CoresAtMesh, i8, i8)")
+def list_used(at: CoresAtMesh, s: int, count: int) -> None:
+    """List the vertices and faces of core s that its features have."""
+    cores, marks, first, face = at.cores, at.marks, at.cores.first_point[s], at.cores.first_face[s]
+    points, faces = cores.first_point[s + 1] - first, cores.first_face[s + 1] - face
+    for i in range(max(points, faces)):
+        marks[0, i] = marks[1, i] = False
+    for n in range(count):
+        k, e = at.features[s, n, 1], at.features[s, n, 2]
+        if k == ON_RIM:
+            continue
+        if k == ON_IT:
+            marks[0, e] = True
+        elif k < PEAK or cores.sizes[s, 3] > 0.0:
+            # a segment is its only edge
+            edge = e if k < PEAK else cores.first_edge[s]
+            for i in range(2):
+                marks[0, cores.edges[edge, i] - first] = True
+                if cores.edges[edge, 2] >= 0:
+                    marks[1, cores.edges[edge, 2 + i] - face] = True
+        else:
+            marks[1, e] = True
+            for i in range(cores.first_side[face + e], cores.first_side[face + e + 1]):
+                marks[0, cores.sides[i, 0] - first] = marks[0, cores.sides[i, 1] - first] = True
+                marks[1, cores.sides[i, 2] - face] = True
+    at.counts[s, 0], at.counts[s, 1], at.counts[s, 2] = count, 0, 0
+    for i in range(points):
+        if marks[0, i]:
+            at.used_points[first + at.counts[s, 1]] = i
+            at.counts[s, 1] += 1
+    for i in range(faces):
+        if marks[1, i]:
+            at.used_faces[face + at.counts[s, 2]] = i
+            at.counts[s, 2] += 1
+
+
+@kernel("Tuple((i8, i8))(CoresAtMesh, f8[:,:,::1], i8, f8, f8)")
+def list_features(at: CoresAtMesh, places: Array, s: int, tolerance: float, margin: float) -> tuple[int, int]:
+    """List the features of core s that may touch the mesh while it moves by at most its skin.
+
+    Parameters
+    ----------
+    places, s
+        See `place_core`.
+    tolerance : float
+        The greatest gap [m].
+    margin : float
+        How far features give way to others [m].
+
+    Returns
+    -------
+    triangles, features : int
+        How many triangles are near and how many features there are; if there is no room for them, `slack` is negative.
+    """
+    mesh, cores, points = at.mesh, at.cores, at.points
+    low, high, middle, axis, own_axis = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    radius, inner, f, number = cores.sizes[s, 3], cores.sizes[s, 4], cores.frame[s], cores.first_point[s + 1]
+    number -= cores.first_point[s]
+    for i in range(number):
+        place_point(places, cores, s, i, points)
+    # searches of a step differ in their tolerance
+    at.reach[s], at.slack[s] = max(tolerance, at.skin[s]), -1.0
+    # rims reach beyond the vertices that stand for them
+    around = radius + max(at.reach[s], inner) + at.skin[s] + at.eps + 0.01 * cores.rims[s, 3]
+    for c in range(3):
+        middle[c] = middle_of(places, cores, s, c)
+        low[c], high[c], at.place[s, 3, c] = points[0, c], points[0, c], middle[c]
+        for k in range(3):
+            at.place[s, k, c] = places[f, k, c]
+        for i in range(1, number):
+            low[c], high[c] = min(low[c], points[i, c]), max(high[c], points[i, c])
+        low[c], high[c] = low[c] - around, high[c] + around
+    triangles = triangles_in_box(mesh, low, high, at.near)
+    if triangles > len(at.near):
+        return triangles, 0
+    if triangles == 0:
+        at.slack[s] = at.skin[s] + tree_apart(mesh.boxes, low, high)
+        at.counts[s, 0] = at.counts[s, 1] = at.counts[s, 2] = 0
+        return 0, 0
+    turn = at.skin[s] / lever_of(at, s)
+    least = narrow_cone(at, triangles, axis)
+    for k in range(3):
+        own_axis[k] = 0.0
+        for c in range(3):
+            own_axis[k] += places[f, k, c] * axis[c]
+    count = list_vertices(at, s, triangles, margin, middle, axis, least)
+    edges = choose_edges(at, places, s, own_axis, least, turn, around)
+    faces = choose_faces(at, places, s, own_axis, least, turn)
+    for j in range(triangles):
+        t = at.near[j]
+        if cores.rims[s, 3] > 0.0:
+            count = append(at, s, count, t, ON_RIM, 0)
+        for k in range(3):
+            a, b = mesh.triangles[t, k], mesh.triangles[t, (k + 1) % 3]
+            if mesh.ridge[t, k] >= 0:
+                for c in range(3):
+                    low[c], high[c] = (
+                        min(mesh.vertices[a, c], mesh.vertices[b, c]),
+                        max(mesh.vertices[a, c], mesh.vertices[b, c]),
+                    )
+                for i in range(edges):
+                    if meets_box(low, high, at.boxes, i):
+                        e = at.chosen[0, i]
+                        if radius > 0.0 or may_cross(at, s, t, k, e, turn):
+                            count = append(at, s, count, t, k, e)
+            if mesh.owned[t, k] >= 0:
+                for c in range(3):
+                    low[c] = mesh.vertices[a, c]
+                if radius > 0.0:
+                    if meets_box(low, low, at.boxes, 0):
+                        count = append(at, s, count, t, PEAK + k, 0)
+                    continue
+                for i in range(faces):
+                    if may_hold(at, s, at.chosen[1, i], a, turn):
+                        count = append(at, s, count, t, PEAK + k, at.chosen[1, i])
+    if count <= at.features.shape[1]:
+        list_used(at, s, count)
+        at.slack[s] = at.skin[s]
+    return triangles, count
