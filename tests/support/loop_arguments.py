@@ -541,7 +541,7 @@ def may_enter_mesh(rng, seed):
 
 
 LOOP_ARGUMENTS = {
-    "place_shapes": lambda rng, seed: touching_shapes(rng, seed)[:2],
+    "place_at_mesh": lambda rng, seed: touching_shapes(rng, seed)[:2],
     "touching_shapes": touching_shapes,
     "touching_spheres": touching_spheres,
     "is_clear_of_mesh": lambda rng, seed: (*touching_shapes(rng, seed)[:3], int(rng.integers(2)), rng.random()),

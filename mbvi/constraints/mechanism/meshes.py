@@ -83,7 +83,7 @@ class BallsAtMesh(NamedTuple):
 
 
 @kernel("void(Mechanism, ShapesAtMesh)")
-def place_shapes(mechanism: Mechanism, shapes: ShapesAtMesh) -> None:
+def place_at_mesh(mechanism: Mechanism, shapes: ShapesAtMesh) -> None:
     """Write where the bodies of the shapes are."""
     for b in range(len(shapes.bodies)):
         for r in range(4):
@@ -96,7 +96,7 @@ def touching_shapes(mechanism: Mechanism, shapes: ShapesAtMesh, q: Array, tolera
     """Append the contacts of shapes with a mesh at q within a tolerance [m]; return a code."""
     at = shapes.at
     place(mechanism, q)
-    place_shapes(mechanism, shapes)
+    place_at_mesh(mechanism, shapes)
     count, triangles, features, most = surface_contacts(at, shapes.places, shapes.family.listed, tolerance)
     if triangles > len(at.near) or features > at.features.shape[1] or max(most, count) > min(len(at.rows), len(at.gap)):
         return UNRESOLVED
@@ -138,7 +138,7 @@ def touching_spheres(
 def is_clear_of_mesh(mechanism: Mechanism, shapes: ShapesAtMesh, q: Array, s: int, distance: float) -> bool:
     """Return whether it is known that shape s at q is farther than a distance from a mesh [m]."""
     place(mechanism, q)
-    place_shapes(mechanism, shapes)
+    place_at_mesh(mechanism, shapes)
     return free_way(shapes.at, shapes.places, s) > distance
 
 
@@ -150,14 +150,14 @@ def may_enter_mesh(mechanism: Mechanism, shapes: ShapesAtMesh, s: int, q: Array,
     """
     at, before = shapes.at, np.empty((4, 3))
     place(mechanism, q)
-    place_shapes(mechanism, shapes)
+    place_at_mesh(mechanism, shapes)
     first, f = shapes.places.copy(), at.cores.frame[s]
     for c in range(3):
         before[3, c] = middle_of(first, at.cores, s, c)
         for k in range(3):
             before[k, c] = first[f, k, c]
     place(mechanism, end)
-    place_shapes(mechanism, shapes)
+    place_at_mesh(mechanism, shapes)
     travel = _CURVED * travel_from(at, before, shapes.places, s)
     start = lowest_gap(at, first, s, travel)
     if start == np.inf:
