@@ -17,7 +17,7 @@ from .positions.closed_contacts import Applied
 from .positions.nearby_rows import NearbyRows
 from .positions.position_projection import project_positions
 from .scheme import Scheme, Timing
-from .step import NO_RATES, Step, advance_gaps, closing_speeds, joining, law, near_margin
+from .step import NO_RATES, Step, advance_gaps, closing_speeds, coasted, joining, law, near_margin
 from .tangent_velocity import with_tangent_velocity
 
 
@@ -66,13 +66,15 @@ class Centered(Scheme):
         system, end, half = problem.system, t + h, 0.5 * h
         nearby = NearbyRows(problem, end, linear=self.project_positions)
         ahead = self.rows_ahead(problem, nearby, q, v, h)
-        t, middle = t + half, system.integrate(q, half * v)
+        displacement, v = system.coast(v, half)
+        # from here on v is the velocity before the law
+        t, middle = t + half, system.integrate(q, displacement)
         # the velocity at which forces are evaluated
         force_velocity = system.force_velocity(t, middle, v, half)
         motion = system.centered_motion(t, middle, v, h, force_velocity)
         if not ahead.gap.size:
             w = in_flight(motion)
-            flown = Step(end, system.integrate(middle, half * w), w, ahead, NO_RATES, 0.0)
+            flown = coasted(system, Step(end, middle, w, ahead, NO_RATES, 0.0), half)
             return with_tangent_velocity(system, flown, motion)
         change = half * ahead.speeds(v)
         # a scheme derived from this one may have changed e
@@ -83,19 +85,21 @@ class Centered(Scheme):
             active, linear = active._replace(gap=ahead.gap - half * active.speeds(v)), True
         opened = closing_speeds(problem, active, half, half * active.speeds(v)) if self.project_positions else None
         w, rates, residual, slip, active = law(projector, v, motion, active, opened)
-        step = Step(end, system.integrate(middle, half * w), w, active, rates, residual, slip)
+        step = Step(end, middle, w, active, rates, residual, slip)
         if not self.project_positions:
-            return with_tangent_velocity(system, advance_gaps(step, half), motion)
-        applied = Applied(t, middle, v, h, motion, opened, ahead if linear else None)
+            return with_tangent_velocity(system, coasted(system, advance_gaps(step, half), half), motion)
+        applied = Applied(t, middle, v, h, motion, opened, ahead if linear else None, coasts=True)
+        step = step._replace(q=applied.end(system, w, half)[0])
         step = project_positions(problem, applied, step, projector, nearby)
         return with_tangent_velocity(system, step, motion)
 
     def rows_ahead(self, problem: Problem, nearby: NearbyRows, q: Array, v: Array, h: float) -> Rows:
         """Return the rows of the law of a step of length h: those that v would close within it, or nearly."""
-        margin = near_margin(problem, self.project_positions, h * v)
-        ahead = nearby.at(problem.system.integrate(q, h * v), margin)
+        displacement, _ = problem.system.coast(v, h)
+        margin = near_margin(problem, self.project_positions, displacement)
+        ahead = nearby.at(problem.system.integrate(q, displacement), margin)
         if margin > 0.0:
-            ahead = nearby.only(joining(problem, ahead, h * ahead.speeds(v)))
+            ahead = nearby.only(joining(problem, ahead, h * ahead.speeds(displacement / h)))
         return ahead
 
 

@@ -241,6 +241,12 @@ def advance_gaps(step: Step, time: float) -> Step:
     return step._replace(active=step.active._replace(gap=step.active.gap + time * step.after))
 
 
+def coasted(system: System, step: Step, time: float) -> Step:
+    """Return the step with its state moved on for a time; see `System.coast`."""
+    displacement, v = system.coast(step.v, time)
+    return step._replace(q=system.integrate(step.q, displacement), v=v)
+
+
 def end_at(system: System, state: Step, steps: list[Step], t: float) -> tuple[list[Step], Step]:
     """Return the steps from a state up to a time, the last of them interpolated along the retraction.
 

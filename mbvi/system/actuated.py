@@ -26,7 +26,7 @@ class Load:
 _FORCE_FREE = (
     "integrate", "difference", "metric", "chart_rate", "placements", "kinetic_energy", "potential_energy",
     "separation_rows", "point_bias", "reach", "are_lengths", "unit_groups", "located_parts",
-    "notes",
+    "notes", "coast",
 )  # fmt: skip
 
 
@@ -133,6 +133,10 @@ class ActuatedSystem(System):
     def free_velocity(self, t: float, q: Array, v: Array, h: float) -> Array:
         half = self._half_change(t, q, v, h)
         return self.inner.free_velocity(t, q, v + half, h) + half
+
+    def pushed_velocity(self, t: float, q: Array, v: Array, h: float) -> Array:
+        added = h * self.added_acceleration(t, q, v)
+        return self.inner.pushed_velocity(t, q, v, h) + added
 
     def free_motion(self, t: float, q: Array, v: Array, h: float) -> FreeMotion | TreeFreeMotion:
         half = self._half_change(t, q, v, h)

@@ -84,6 +84,13 @@ class BlockSystem(System):
     def free_velocity(self, t: float, q: Array, v: Array, h: float) -> Array:
         return np.concatenate([b.system.free_velocity(t, q[b.q], v[b.v], h) for b in self.blocks])
 
+    def coast(self, v: Array, h: float) -> tuple[Array, Array]:
+        displacements, velocities = zip(*(b.system.coast(v[b.v], h) for b in self.blocks), strict=True)
+        return np.concatenate(displacements), np.concatenate(velocities)
+
+    def pushed_velocity(self, t: float, q: Array, v: Array, h: float) -> Array:
+        return np.concatenate([b.system.pushed_velocity(t, q[b.q], v[b.v], h) for b in self.blocks])
+
     def force_velocity(self, t: float, q: Array, v: Array, h: float) -> Array:
         return np.concatenate([b.system.force_velocity(t, q[b.q], v[b.v], h) for b in self.blocks])
 

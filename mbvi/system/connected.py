@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,7 @@ _MOST = 600
 _THEIRS = (
     "difference", "chart_rate", "placements", "kinetic_energy", "potential_energy", "separation_rows", "point_bias",
     "reach", "are_lengths", "unit_groups", "located_parts", "start", "torque", "force", "added_acceleration", "notes",
+    "coast",
 )  # fmt: skip
 
 
@@ -92,27 +93,42 @@ class ConnectedSystem(System):
             return in_flight(self.free_motion(t, q, v, h))
         return self.metric(q).tangent(self.inner.free_velocity(t, q, v, h))
 
+    def pushed_velocity(self, t: float, q: Array, v: Array, h: float) -> Array:
+        metric = self.metric(q)
+        if self._damped:
+            free = self._motion_of_whole(t, q, v, h, v, self.whole.pushed_motion).free
+        else:
+            free = metric.tangent(self.inner.pushed_velocity(t, q, v, h))
+        return in_flight(FreeMotion(free, self._with_friction(metric, h)))
+
     def free_motion(self, t: float, q: Array, v: Array, h: float) -> FreeMotion:
         if self._damped:
-            return FreeMotion(self._motion_of_whole(t, q, v, h, v, False).free, self._with_friction(self.metric(q), h))
-        motion, metric = self.inner.free_motion(t, q, v, h), self.metric(q)
-        return FreeMotion(metric.tangent(motion.free), self._with_friction(metric, h))
+            motion = self._motion_of_whole(t, q, v, h, v, self.whole.free_motion)
+            return FreeMotion(motion.free, self._with_friction(self.metric(q), h))
+        inner, metric = self.inner.free_motion(t, q, v, h), self.metric(q)
+        return FreeMotion(metric.tangent(inner.free), self._with_friction(metric, h))
 
     def _with_friction(self, metric: TreeMetric, h: float) -> TreeMetric:
         """Return the metric with the dry friction of joints in a step."""
         return metric.with_friction(h * self.whole.friction) if self.has_joint_friction else metric
 
-    def _motion_of_whole(self, t: float, q: Array, v: Array, h: float, at: Array, twice: bool) -> TreeFreeMotion:
-        """Return the free motion of the one mechanism, in which damping acts along the equalities, without friction."""
+    def _motion_of_whole(
+        self, t: float, q: Array, v: Array, h: float, at: Array, motion: Callable[..., TreeFreeMotion]
+    ) -> TreeFreeMotion:
+        """Return a motion of the one mechanism, in which damping acts along the equalities, without friction.
+
+        `motion` is one of its methods; `at` is the velocity of forces.
+        """
         self.whole.applied = self.torque(t, q, at)
-        return self.whole.centered_motion(t, q, v, h, at) if twice else self.whole.free_motion(t, q, v, h)
+        return motion(t, q, v, h, at) if motion == self.whole.centered_motion else motion(t, q, v, h)
 
     def centered_motion(self, t: float, q: Array, v: Array, h: float, at: Array) -> FreeMotion:
         if self._damped:
-            return FreeMotion(self._motion_of_whole(t, q, v, h, at, True).free, self._with_friction(self.metric(q), h))
-        motion, metric = self.inner.centered_motion(t, q, v, h, at), self.metric(q)
+            motion = self._motion_of_whole(t, q, v, h, at, self.whole.centered_motion)
+            return FreeMotion(motion.free, self._with_friction(self.metric(q), h))
+        inner, metric = self.inner.centered_motion(t, q, v, h, at), self.metric(q)
         # the mean velocity of the step keeps the equalities
-        return FreeMotion(metric.tangent(motion.free + v) - v, self._with_friction(metric, h))
+        return FreeMotion(metric.tangent(inner.free + v) - v, self._with_friction(metric, h))
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         return self.held_acceleration(q, v, self.inner.acceleration(t, q, v))

@@ -138,11 +138,14 @@ class HingedSystem(ConnectedSystem):
     def free_velocity(self, t: float, q: Array, v: Array, h: float) -> Array:
         return in_flight(self.free_motion(t, q, v, h))
 
+    def pushed_velocity(self, t: float, q: Array, v: Array, h: float) -> Array:
+        return in_flight(self._with_hinges(self._motion_of_whole(t, q, v, h, v, self.whole.pushed_motion), q, h))
+
     def free_motion(self, t: float, q: Array, v: Array, h: float) -> FreeMotion:
-        return self._with_hinges(self._motion_of_whole(t, q, v, h, v, False), q, h)
+        return self._with_hinges(self._motion_of_whole(t, q, v, h, v, self.whole.free_motion), q, h)
 
     def centered_motion(self, t: float, q: Array, v: Array, h: float, at: Array) -> FreeMotion:
-        return self._with_hinges(self._motion_of_whole(t, q, v, h, at, True), q, h)
+        return self._with_hinges(self._motion_of_whole(t, q, v, h, at, self.whole.centered_motion), q, h)
 
     def _with_hinges(self, motion: TreeFreeMotion, q: Array, h: float) -> FreeMotion:
         """Return the free motion with the damping of the hinges, and the metric with their dry friction."""

@@ -231,14 +231,25 @@ class System:
         """Return v + h M^-1 g, shape (nv,)."""
         raise NotImplementedError
 
+    def coast(self, v: Array, h: float) -> tuple[Array, Array]:
+        """Return how `Centered` moves along v for a time: the tangent vector and the velocity then, shapes (nv,).
+
+        Free bodies move as nothing acts on them, see `coast_spin`; of all others v stays.
+        """
+        return h * v, v
+
+    def pushed_velocity(self, t: float, q: Array, v: Array, h: float) -> Array:
+        """Return v + h M^-1 g without the gyroscopic torques of free bodies, which `coast` has, shape (nv,)."""
+        return self.free_velocity(t, q, v, h)
+
     def force_velocity(self, t: float, q: Array, v: Array, h: float) -> Array:
         """Return the velocity after a time h at which forces at (t, q) are evaluated, shape (nv,); v with a control."""
-        return self.free_velocity(t, q, v, h) if self.velocity_dependent else v
+        return self.pushed_velocity(t, q, v, h) if self.velocity_dependent else v
 
     def centered_motion(self, t: float, q: Array, v: Array, h: float, at: Array) -> FreeMotion | TreeFreeMotion:
         """Return the free motion of v under forces evaluated at the velocity `at`, that of `force_velocity` at h / 2.
 
-        Joint damping acts on v itself, at order 2. Gyroscopic torques of free bodies begin at v.
+        Joint damping acts on v itself, at order 2. Gyroscopic torques of free bodies do not act; see `coast`.
         """
         motion = self.free_motion(t, q, at, h)
         return FreeMotion(motion.free + (v - at), motion.metric)

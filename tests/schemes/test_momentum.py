@@ -1,4 +1,7 @@
-"""Contacts between free bodies keep momentum and angular momentum, wherever positions are projected or not."""
+"""Contacts between free bodies keep momentum and angular momentum, wherever positions are projected or not.
+
+Bodies of unequal moments of inertia that spin do so under `Centered`, in flight and while they are struck.
+"""
 
 from importlib import import_module
 
@@ -34,6 +37,31 @@ def add_even(scene, kind, folder, **body):
         scene.add_box((0.2, 0.2, 0.2), **body, **turn)
     else:
         scene.add_mesh(folder / "octahedron.obj", **body, **turn)
+
+
+LINK = """<robot name="link"><link name="link"><inertial><origin xyz="0.03 -0.02 0.05"/><mass value="{mass}"/>
+  <inertia ixx="{I[0]}" ixy="0.002" ixz="-0.001" iyy="{I[1]}" iyz="0.0015" izz="{I[2]}"/></inertial>
+  <collision><geometry><box size="0.3 0.2 0.1"/></geometry></collision></link></robot>"""
+
+
+def add_uneven(scene, kind, folder, **body):
+    """Add a body whose angular velocity changes in flight; a link is a robot of one link, its centre of mass aside."""
+    if kind == "ball":
+        add_even(scene, kind, folder, **body)
+    elif kind == "box":
+        scene.add_box((0.3, 0.2, 0.1), **body)
+    elif kind == "oval":
+        scene.add_ellipsoid((0.08, 0.12, 0.16), **body)
+    elif kind == "hull":
+        lines = OCTAHEDRON.replace("0.15", "0.25", 1).replace("-0.15", "-0.08", 1)
+        (folder / "long.obj").write_text(lines)
+        scene.add_mesh(folder / "long.obj", **body)
+    else:
+        name = f"link{len(list(folder.glob('link*.urdf')))}"
+        mass = body.pop("mass")
+        (folder / f"{name}.urdf").write_text(LINK.format(mass=mass, I=mass * np.array([0.005, 0.009, 0.011])))
+        base = [*body.pop("velocity"), *body.pop("angular_velocity")]
+        scene.add_urdf(folder / f"{name}.urdf", base="free", base_velocity=base, name=name, **body)
 
 
 def meeting(kinds, e, mu, rng, folder, add=add_even):
@@ -77,14 +105,44 @@ def test_two_bodies_that_meet_keep_both_momenta_in_every_step(kinds, e, mu, tmp_
     assert struck > 12
 
 
+UNEVEN = [("box", "ball"), ("box", "box"), ("oval", "box"), ("hull", "box"), ("link", "ball"), ("link", "link")]
+
+
 @pytest.mark.parametrize("mu", [0.0, 0.5])
-@pytest.mark.parametrize("kinds", [("ball", "ball"), ("cube", "ball"), ("cube", "cube")], ids="-".join)
+@pytest.mark.parametrize("e", [0.0, 0.4, 1.0])
+@pytest.mark.parametrize("kinds", UNEVEN, ids="-".join)
+def test_two_bodies_of_unequal_moments_keep_both_momenta(kinds, e, mu, tmp_path):
+    struck = 0
+    for seed in range(2):
+        problem = meeting(kinds, e, mu, np.random.default_rng([seed, 9]), tmp_path, add_uneven)
+        for scheme, h in [(SCHEMES[0], 2e-3), (SCHEMES[0], 1e-2), (mbvi.Centered(), 1e-2)]:
+            steps = [step for _, step in zip(range(int(0.25 / h)), mbvi.steps(problem, scheme, step=h), strict=False)]
+            struck += any(step.percussion.any() for step in steps)
+            assert largest_changes(problem, [(step.q, step.v) for step in steps]).max() < 1e-13
+    assert struck > 2
+
+
+@pytest.mark.parametrize("kind", ["box", "link"])
+@pytest.mark.parametrize("scheme", [mbvi.Centered(), PROJECTING[0]], ids=repr)
+def test_elastic_bodies_that_spin_keep_their_energy(scheme, kind, tmp_path):
+    for seed in range(3):
+        problem = meeting((kind, "box"), 1.0, 0.0, np.random.default_rng([seed, 12]), tmp_path, add_uneven)
+        steps = [step for _, step in zip(range(40), mbvi.steps(problem, scheme, step=6e-3), strict=False)]
+        energies = [problem.system.kinetic_energy(step.q, step.v) for step in steps]
+        np.testing.assert_allclose(energies, problem.system.kinetic_energy(problem.q0, problem.v0), rtol=1e-12)
+
+
+@pytest.mark.parametrize("mu", [0.0, 0.5])
+@pytest.mark.parametrize(
+    "kinds", [("ball", "ball"), ("cube", "ball"), ("cube", "cube"), ("box", "box"), ("link", "box")], ids="-".join
+)
 def test_two_bodies_keep_both_momenta_in_the_compiled_loop(kinds, mu, monkeypatch, tmp_path):
     made, build = [], SIMULATE.compiled_loop
     monkeypatch.setattr(compiled_loop, "LONG", 0)
     monkeypatch.setattr(SIMULATE, "compiled_loop", lambda *args: made.append(build(*args)) or made[-1])
     for seed in range(4):
-        problem = meeting(kinds, [0.0, 0.4][seed % 2], mu, np.random.default_rng([seed, 8]), tmp_path)
+        add = add_uneven if {"box", "link"} & set(kinds) else add_even
+        problem = meeting(kinds, [0.0, 0.4][seed % 2], mu, np.random.default_rng([seed, 8]), tmp_path, add)
         run = mbvi.simulate(problem, PROJECTING[0], step=2e-3, duration=0.3, progress=False)
         assert run.impacts
         assert largest_changes(problem, zip(run.q[1:], run.v[1:], strict=True)).max() < 1e-13

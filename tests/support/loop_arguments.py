@@ -347,8 +347,12 @@ CALLS = {
     "centered_step": [(DEFAULT, hopper, RIGID, 41), (DEFAULT, quadruped, ROUGH, 70), (CENTERED, hopper, MIXED, 41)],
     "act": [(PAOLI, hopper, BOUNCY, 5), (DEFAULT, struck, RIGID, 5), (CENTERED, swaying, RIGID, 5)],
     "fly": [(PAOLI, hopper, BOUNCY, 5), (MOREAU, swaying, RIGID, 5), (PAOLI, quadruped, RIGID, 5)],
-    "evaluate_forces": [(PAOLI, hopper, BOUNCY, 2), (DEFAULT, quadruped, ROUGH, 9), (CENTERED, quadruped, RIGID, 5)],
-    "evaluate_effects": [(PAOLI, one_body, BOUNCY, 2), (PILES, one_body, ROUGH, 9), (DEFAULT, quadruped, RIGID, 5)],
+    "evaluate_forces": [(PAOLI, hopper, BOUNCY, 2), (MOREAU, quadruped, ROUGH, 9), (PILES, quadruped, RIGID, 5)],
+    "evaluate_effects": [(PAOLI, one_body, BOUNCY, 2), (PILES, one_body, ROUGH, 9), (PAOLI, quadruped, RIGID, 5)],
+    **{
+        name: [(CENTERED, one_body, BOUNCY, 5), (DEFAULT, one_body, ROUGH, 9), (DEFAULT, quadruped, RIGID, 5)]
+        for name in ("evaluate_pushing_effects", "glide", "glide_to_end", "take_velocity_of_end")
+    },
     "move_freely": [(PAOLI, hopper, BOUNCY, 1), (DEFAULT, quadruped, ROUGH, 9), (CENTERED, quadruped, RIGID, 5)],
     "centered_forces": [(CENTERED, hopper, BOUNCY, 2), (DEFAULT, quadruped, ROUGH, 9), (DEFAULT, on_block, RIGID, 5)],
     **{

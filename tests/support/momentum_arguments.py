@@ -1,4 +1,4 @@
-"""Random arguments of the kernels that keep momentum: a robot's velocities, then boxes, then balls that do not turn."""
+"""Random arguments of kernels that keep momentum: a robot's velocities, then boxes and links, then balls."""
 
 import numpy as np
 
@@ -20,7 +20,9 @@ def bodies_at(rng):
     sizes = np.where(turns, 7, 3), np.where(turns, 6, 3)
     q, v = (LEGS + np.concatenate([[0], np.cumsum(size)[:-1]]) for size in sizes)
     owner = np.concatenate([np.full(LEGS, -1), np.repeat(np.arange(n), sizes[1])])
-    table = FreeBodyTable(q, v, mass, inertia, inverse, turns, owner)
+    turning = turns & (rng.random(n) < 0.5)
+    centre = np.where(turning[:, None], rng.normal(size=(n, 3)), 0.0)
+    table = FreeBodyTable(q, v, mass, inertia, inverse, turns, owner, turning, centre)
     return table, configuration(rng, table), rng.normal(size=len(owner))
 
 
@@ -90,9 +92,29 @@ def root_of(rng):
 
 
 def write_groups(rng):
-    table, *_ = bodies_at(rng)
+    table, q, _ = bodies_at(rng)
     n = len(table.mass)
-    return table, *as_sparse(rows_of(rng, table)), np.full(n, -1), np.zeros(n, bool)
+    return table, *as_sparse(rows_of(rng, table)), q, np.full(n, -1), np.zeros(n, bool)
+
+
+def write_centre(rng):
+    table, q, _ = bodies_at(rng)
+    return table, int(rng.integers(len(table.mass))), q, np.full(3, np.nan)
+
+
+def add_velocity(rng):
+    return add_spin(rng)
+
+
+def set_velocity(rng):
+    table, q, v = bodies_at(rng)
+    return table, int(rng.integers(len(table.mass))), q, rng.normal(size=3), v
+
+
+def put_back_centres(rng):
+    table, q, _ = bodies_at(rng)
+    n = len(table.mass)
+    return table, *groups(rng, n), rng.normal(size=(n, 3)), q
 
 
 def write_centres(rng):
@@ -142,6 +164,10 @@ MOMENTUM_ARGUMENTS = {
         root_of,
         write_groups,
         write_centres,
+        write_centre,
+        add_velocity,
+        set_velocity,
+        put_back_centres,
         add_angular_momenta,
         write_inertias,
         turn_groups,

@@ -3,6 +3,7 @@
 import numpy as np
 import pinocchio as pin
 
+from mbvi.system.free.coasting import _SMALL
 from mbvi.system.free.spinning import free_links, principal
 from mbvi.system.mechanisms.mechanism import free_joint
 
@@ -65,14 +66,43 @@ def _spin_effects(rng):
     return free_links(model), *(_speed(rng) * rng.normal(size=(2, model.nv))), 1e-2, *rng.normal(size=(2, model.nv))
 
 
+def _remove_spin_effects(rng):
+    bodies, _, at, _, _, effects = _spin_effects(rng)
+    return bodies, at, effects
+
+
+def _unit(rng):
+    x = rng.normal(size=3)
+    return x / np.linalg.norm(x)
+
+
+def _coast_spin(rng):
+    inertia = random_inertias(rng, 1) if rng.random() < 0.8 else 0.4 * np.eye(3)[None]
+    _, moments, factors = principal(inertia)
+    w = _speed(rng) * rng.normal(size=3)
+    return moments[0], factors[0], 10.0 ** rng.uniform(-4.0, -1.0), w, np.full(4, np.nan), np.full(3, np.nan)
+
+
+def _coast(rng):
+    model = model_of_free_links(rng)
+    v = _speed(rng) * rng.normal(size=model.nv)
+    return free_links(model), 1e-2, v, *np.full((2, model.nv), np.nan)
+
+
 SPIN_ARGUMENTS = {
     "mean_spin": _mean_spin,
     "rotated_back": lambda rng: (1e-2, *(_speed(rng) * rng.normal(size=3)), *rng.normal(size=3)),
     "spin": _spin,
     "free_velocities": _free_velocities,
     "spin_effects": _spin_effects,
-    "_along": lambda rng: (
+    "remove_spin_effects": _remove_spin_effects,
+    "add_effects": lambda rng: (principal(random_inertias(rng, 1))[0][0], *rng.normal(size=(3, 3)), rng.normal(size=6)),
+    "turn_quaternion": lambda rng: (rng.normal(size=4), *rng.normal(size=4).tolist()),
+    "coast_spin": _coast_spin,
+    "screw_displacement": lambda rng: (rng.choice([0.5 * _SMALL, 1.0, 3.0]) * _unit(rng), *rng.normal(size=3).tolist()),
+    "coast": _coast,
+    "along": lambda rng: (
         principal(random_inertias(rng, 1))[0][0], rng.normal(size=6), bool(rng.integers(2)), *np.full((2, 3), np.nan)
     ),
-    "_add_cross": lambda rng: (float(rng.normal()), *rng.normal(size=(3, 3))),
+    "add_cross": lambda rng: (float(rng.normal()), *rng.normal(size=(3, 3))),
 }  # fmt: skip

@@ -43,13 +43,14 @@ class HoldingCentered(Centered):
         """See `Centered`."""
         if self.resting is None or not len(self.resting.gap):
             return super().rows_ahead(problem, nearby, q, v, h)
-        margin = near_margin(problem, True, h * v)
+        moved, _ = problem.system.coast(v, h)
+        margin = near_margin(problem, True, moved)
         # constraints of the user do not say how far their bodies travel
-        travel = max(problem.constraints.travel(h * v), self._measure.size(h * v) * problem.length)
+        travel = max(problem.constraints.travel(moved), self._measure.size(moved) * problem.length)
         far = max(margin, min(_TRAVEL * travel + margin, _FARTHEST * problem.length))
-        ahead = nearby.at(problem.system.integrate(q, h * v), far)
+        ahead = nearby.at(problem.system.integrate(q, moved), far)
         near = problem.constraints.levers(ahead.constraint) * ahead.gap <= problem.tolerance + margin
-        joins = near & joining(problem, ahead, h * ahead.speeds(v))
+        joins = near & joining(problem, ahead, h * ahead.speeds(moved / h))
         rests = match_contacts(ahead, self.resting) >= 0
         chosen = joins | rests
         ahead = nearby.only(chosen)

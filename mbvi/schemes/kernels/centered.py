@@ -7,13 +7,14 @@ from ...constraints.mechanism.rows import active_rows, write_gradients
 from ...constraints.mechanism.tables import FOUND, RowBuffer, copy_row
 from ...constraints.rows import mutual_nearest
 from ...projection.positions.travel import largest_bend
-from ...system.mechanisms.mechanism import carry, place
+from ...system.free.spinning import remove_spin_effects
+from ...system.mechanisms.mechanism import evaluate_nonlinear_effects, glide, place, weigh
 from ...system.system import Array
-from ..positions.settle_kernel import project_positions
+from ..positions.settle_kernel import glide_to_end, project_positions, take_velocity_of_end
 from ..step import joins, margin_of, write_closing_speeds
 from ..tangent_velocity import make_tangent
 from .joint_friction import apply_joint_friction
-from .phases import act, apply_law, evaluate_effects, evaluate_forces, move_freely
+from .phases import act, apply_law, move_freely
 from .records import DONE, UNSOLVED, MechanismStep
 
 
@@ -88,12 +89,23 @@ def may_bounce(rows: RowBuffer, change: Array, tolerance: float) -> bool:
     return False
 
 
+@kernel("void(MechanismStep, f8[::1], f8[::1])")
+def evaluate_pushing_effects(s: MechanismStep, q: Array, v: Array) -> None:
+    """Compute the nonlinear effects without gyroscopic ones of free bodies."""
+    evaluate_nonlinear_effects(s.mechanism, q, v)
+    remove_spin_effects(s.mechanism.free, v, s.mechanism.effects)
+
+
 @kernel("void(MechanismStep, f8, f8[::1], f8[::1], f8)")
 def centered_forces(s: MechanismStep, t: float, q: Array, v: Array, half: float) -> None:
-    """Compute all that the free motion takes at (t, q), with the effects of velocities half a step later."""
+    """Compute all that the free motion takes at (t, q), with the effects of velocities half a step later.
+
+    Gyroscopic torques of free bodies do not act; see `coast`.
+    """
     late, w = s.scales.late, s.room.force_velocity
-    # the gyroscopic torques of free bodies are those of the motion up to there
-    evaluate_forces(s, t, q, v, half if len(late) else 2.0 * half)
+    act(s, t, q, v)
+    weigh(s.mechanism, q)
+    evaluate_pushing_effects(s, q, v)
     if len(late):
         # where M has no factor the step itself says so
         move_freely(s, v, half, False, w)
@@ -103,17 +115,15 @@ def centered_forces(s: MechanismStep, t: float, q: Array, v: Array, half: float)
                 w[k] = v[k]
         if s.scales.loaded:
             act(s, t, q, w)
-        evaluate_effects(s, q, v, w, 2.0 * half)
+        evaluate_pushing_effects(s, q, w)
 
 
 @kernel("i8(MechanismStep, f8, f8[::1], f8[::1], f8)")
 def centered_step(s: MechanismStep, t: float, q: Array, v: Array, h: float) -> int:
     """Write the state after a step of `Centered` from q, v at t; return a code."""
-    scales, room, half, n = s.scales, s.room, 0.5 * h, len(v)
-    drift, end, middle = room.drift, room.end, room.middle
-    for k in range(n):
-        drift[k] = h * v[k]
-    carry(s.mechanism, q, drift, end)
+    scales, room, half = s.scales, s.room, 0.5 * h
+    drift, end, middle, w = room.drift, room.end, room.middle, room.before
+    glide(s.mechanism, q, v, h, drift, end, w)
     projects, near_margin, margin = scales.projects, 0.0, 0.0
     if projects:
         near_margin = margin_of(largest_bend(scales.turn_squares, drift), scales.tolerance, scales.length)
@@ -124,20 +134,18 @@ def centered_step(s: MechanismStep, t: float, q: Array, v: Array, h: float) -> i
         return code
     near = room.near[: s.ahead.size[0]]
     count = take_near(s.ahead, scales.tolerance, near_margin, drift, s.rows, near)
-    for k in range(n):
-        drift[k] = half * v[k]
-    carry(s.mechanism, q, drift, middle)
-    centered_forces(s, t + half, middle, v, half)
+    # from here on w is the velocity before the law
+    glide(s.mechanism, q, v, half, drift, middle, w)
+    centered_forces(s, t + half, middle, w, half)
     if count == 0:
         s.residual[0] = 0.0
-        if not (move_freely(s, v, h, True, s.v) and apply_joint_friction(s, h, s.v)):
+        if not (move_freely(s, w, h, True, s.v) and apply_joint_friction(s, h, s.v)):
             return UNSOLVED
-        for k in range(n):
-            drift[k] = half * s.v[k]
-        carry(s.mechanism, middle, drift, s.q)
+        glide_to_end(s, half)
+        take_velocity_of_end(s)
         return DONE if make_tangent(s, 0) else UNSOLVED
     change, gap, opened = room.change[:count], room.gap[:count], room.opened[:0]
-    row_speeds(s.rows.J, v, half, change)
+    row_speeds(s.rows.J, w, half, change)
     bounces = projects and may_bounce(s.rows, change, scales.tolerance)
     for a in range(count):
         gap[a] = s.rows.gap[a]
@@ -146,7 +154,7 @@ def centered_step(s: MechanismStep, t: float, q: Array, v: Array, h: float) -> i
     if code != FOUND:
         return code
     if projects:
-        row_speeds(s.rows.J, v, half, change)
+        row_speeds(s.rows.J, w, half, change)
         if not bounces:
             # gaps that lead to those of the end, which the position projection takes to be linear
             for a in range(count):
@@ -155,12 +163,11 @@ def centered_step(s: MechanismStep, t: float, q: Array, v: Array, h: float) -> i
             s.rows.gap[:count], s.rows.lever[:count], change, half, scales.tolerance, room.opened[:count]
         ):
             opened = room.opened[:count]
-    if apply_law(s, v, h, True, opened) != DONE:
+    if apply_law(s, w, h, True, opened) != DONE:
         return UNSOLVED
-    for k in range(n):
-        drift[k] = half * s.v[k]
-    carry(s.mechanism, middle, drift, s.q)
     if not projects:
+        glide_to_end(s, half)
+        take_velocity_of_end(s)
         for a in range(count):
             s.rows.gap[a] += half * s.rates[2 * count + a]
         return DONE if make_tangent(s, count) else UNSOLVED
@@ -168,7 +175,8 @@ def centered_step(s: MechanismStep, t: float, q: Array, v: Array, h: float) -> i
     if len(opened) == 0:
         for a in range(count):
             room.opened[a] = 0.0
-    code = project_positions(s, v, h, near, bounces)
+    glide_to_end(s, half)
+    code = project_positions(s, w, h, near, bounces)
     if code == DONE and not make_tangent(s, s.rows.size[0]):
         return UNSOLVED
     return code

@@ -78,9 +78,9 @@ class Scales(NamedTuple):
 
 
 @record(
-    "f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:,::1], f8[::1], f8[::1], f8[:,::1], f8[:,::1],"
-    " f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], i8[::1], i8[::1], b1[::1], b1[::1], b1[::1],"
-    " b1[::1]"
+    "f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:,::1], f8[::1], f8[::1],"
+    " f8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], i8[::1], i8[::1],"
+    " b1[::1], b1[::1], b1[::1], b1[::1]"
 )
 class Room(NamedTuple):
     """Room within a step: kernels that make no arrays are faster.
@@ -89,6 +89,8 @@ class Room(NamedTuple):
     ----------
     torque, drift, force_velocity, free, displacement, moved, tangent : ndarray, shape (nv,)
         Tangent vectors.
+    before, after : ndarray, shape (nv,)
+        Of `Centered` the velocity in the middle of the step before the law, and that at its end.
     changes : ndarray, shape (2, nv)
         Room of `advance_by`.
     end, middle : ndarray, shape (nq,)
@@ -114,6 +116,8 @@ class Room(NamedTuple):
     displacement: Array
     moved: Array
     tangent: Array
+    before: Array
+    after: Array
     changes: Array
     end: Array
     middle: Array
@@ -136,7 +140,7 @@ class Room(NamedTuple):
 
 def room(nq: int, nv: int, equalities: int) -> Room:
     """Return room for a mechanism with some rows of equalities."""
-    tangents, places = np.zeros((7, nv)), np.zeros((2, nq))
+    tangents, places = np.zeros((9, nv)), np.zeros((2, nq))
     matrices = np.zeros((nv + equalities, nv)), np.zeros((MOST_ROWS, nv)), np.zeros((MOST_ROWS, nv))
     floats, table, margin = np.zeros((4, MOST_ROWS)), np.zeros(8 * MOST_ROWS), np.zeros(1)
     numbers, masks = np.zeros((2, MOST_ROWS), np.int64), np.zeros((4, MOST_ROWS), bool)

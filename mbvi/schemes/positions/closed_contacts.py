@@ -11,7 +11,7 @@ from ...constraints import Rows
 from ...constraints.rows import match_contacts
 from ...problem import Problem
 from ...projection import FreeMotion, Metric, TreeFreeMotion
-from ...system.system import Array
+from ...system.system import Array, System
 from ..step import Step, advance_gaps
 
 # two rows whose kinetic angle has a cosine below this are independent
@@ -37,6 +37,8 @@ class Applied(NamedTuple):
         Speeds at which rows of the law that are open may close.
     ahead : Rows or None
         What the rows of the law are at the end of the step, in the same order; None where this is not to be used.
+    coasts : bool
+        Whether bodies move from there as `System.coast` does, and not along the retraction.
     """
 
     t: float
@@ -46,6 +48,12 @@ class Applied(NamedTuple):
     motion: FreeMotion | TreeFreeMotion
     opened: Array | None = None
     ahead: Rows | None = None
+    coasts: bool = False
+
+    def end(self, system: System, w: Array, time: float) -> tuple[Array, Array]:
+        """Return configuration and velocity a time after the law, which has led to w; shapes (nq,) and (nv,)."""
+        displacement, after = system.coast(w, time) if self.coasts else (time * w, w)
+        return system.integrate(self.q, displacement), after
 
 
 def closed_contacts(problem: Problem, applied: Applied, step: Step) -> Array:

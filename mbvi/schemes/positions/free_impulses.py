@@ -14,8 +14,8 @@ from ...system.system import Array
 from ..step import Step
 
 
-def where_law_acts(problem: Problem, t: float, q: Array, rows: Rows) -> Rows:
-    """Return rows of the end of a step as they join the law: on free bodies they act where it does."""
+def with_gradients_at(problem: Problem, t: float, q: Array, rows: Rows) -> Rows:
+    """Return rows found elsewhere with gradients at a configuration, where free bodies need all of them to be there."""
     if not len(problem.free_bodies.q):
         return rows
     return problem.constraints.at_places(t, q, rows)

@@ -14,7 +14,7 @@ from ...system.system import Array
 from ..row_projection import project_rows, slip_rates
 from ..step import Step, advance_gaps, closing_speeds
 from .closed_contacts import Applied, bears_or_sinks, closed_contacts, stays_sunk
-from .free_impulses import where_law_acts, with_momentum, without_percussions
+from .free_impulses import with_gradients_at, with_momentum, without_percussions
 from .least_displacement import Displaced, SunkRows, displacement_of_groups, least_displacement
 from .nearby_rows import NearbyRows
 
@@ -61,7 +61,7 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
     """
     system, drift = problem.system, step.t - applied.t
     if not _may_sink(problem, step, drift, nearby):
-        return advance_gaps(step, drift)
+        return _at_end(problem, applied, step)
     count = len(step.active.gap)
     slack = np.zeros(count) if applied.opened is None else applied.opened
     # the rows of the law as they are at the end of the step
@@ -114,7 +114,7 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
                 break
         joined = take(projected.near, owner < 0)
         marks = concatenate([marks, joined])
-        rows = concatenate([rows, where_law_acts(problem, applied.t, applied.q, joined)])
+        rows = concatenate([rows, with_gradients_at(problem, applied.t, applied.q, joined)])
         # a row that was open where the law acts may close by the end of the step: otherwise it would bear load there
         opened = np.zeros(len(joined.gap))
         if drift:
@@ -132,8 +132,14 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
             # the law is solved for the rows before
             break
         if drift:
-            step = step._replace(q=system.integrate(applied.q, drift * step.v))
-    return advance_gaps(step, drift)
+            step = step._replace(q=applied.end(system, step.v, drift)[0])
+    return _at_end(problem, applied, step)
+
+
+def _at_end(problem: Problem, applied: Applied, step: Step) -> Step:
+    """Return the step with its gaps and its velocity at its end."""
+    drift = step.t - applied.t
+    return advance_gaps(step, drift)._replace(v=applied.end(problem.system, step.v, drift)[1])
 
 
 def _may_sink(problem: Problem, step: Step, drift: float, nearby: NearbyRows) -> bool:
@@ -174,17 +180,21 @@ def _with_tangent_velocity(
 ) -> Step:
     """Return the step at the projected configuration, with a velocity tangent to its closed contacts.
 
-    Free bodies start from their velocity after the law, less the percussions of the law at the rows of the projected
-    configuration: what the new percussions differ by is an impulse there. `marks` are the rows of the law at the end of
-    the step, and `place` has the axes of the rows of the projected configuration.
+    Free bodies start from their velocity at the end of the step, less the percussions of the law at the rows of the
+    projected configuration: what the new percussions differ by is an impulse there. `marks` are the rows of the law at
+    the end of the step, and `place` has the axes of the rows of the projected configuration.
     """
+    step = step._replace(v=applied.end(problem.system, step.v, step.t - applied.t)[1])
     rows = marks._replace(restitution=step.active.restitution)
     near, unmatched = projected.near, np.ones(len(closed), bool)
     unmatched[owner] = False
     rest_of_law = np.flatnonzero(unmatched)
     # the projection changed the gradients of closed contacts: that must not make them bounce
     near = near._replace(restitution=np.where(closed[owner], 0.0, near.restitution))
-    rows = concatenate([near, take(rows, unmatched)]) if unmatched.any() else near
+    if unmatched.any():
+        rows = concatenate([near, with_gradients_at(problem, step.t, place, take(rows, unmatched))])
+    else:
+        rows = near
     lower = -rows.restitution * rows.speeds(applied.v)
     # a gap that the projection left open may close until the next law: otherwise its body would fall freely
     may_close = closed[owner] | (step.percussion[owner] == 0.0)

@@ -12,7 +12,7 @@ from ...projection.positions.closed_contacts import stays_sunk
 from ...projection.positions.travel import MOST_LINEARISATIONS
 from ...projection.tree import solve
 from ...system.free.free_momentum import keep_momentum_of_rows
-from ...system.mechanisms.mechanism import carry, place
+from ...system.mechanisms.mechanism import glide, place
 from ...system.system import Array
 from ..kernels.phases import write_free_motion
 from ..kernels.records import DONE, UNSOLVED, MechanismStep
@@ -28,6 +28,19 @@ def advance_gaps(s: MechanismStep, time: float) -> None:
     k = s.rows.size[0]
     for a in range(k):
         s.rows.gap[a] += time * s.rates[2 * k + a]
+
+
+@kernel("void(MechanismStep, f8)")
+def glide_to_end(s: MechanismStep, half: float) -> None:
+    """Move from the middle of a step to its end, `s.q`, at the velocity after the law; that there is `room.after`."""
+    glide(s.mechanism, s.room.middle, s.v, half, s.room.drift, s.q, s.room.after)
+
+
+@kernel("void(MechanismStep)")
+def take_velocity_of_end(s: MechanismStep) -> None:
+    """Write the velocity at the end of a step in the place of that after the law."""
+    for k in range(len(s.v)):
+        s.v[k] = s.room.after[k]
 
 
 @kernel("b1(MechanismStep, f8, b1[::1])")
@@ -147,9 +160,7 @@ def join_law(
             lower[i] = min(lower[i], -slack[i])
     code = apply_bounds(s, rows, v, s.room.free, lower, 2.0 * half)
     if code == DONE:
-        for j in range(len(v)):
-            s.room.drift[j] = half * s.v[j]
-        carry(s.mechanism, s.room.middle, s.room.drift, s.q)
+        glide_to_end(s, half)
     else:
         # the law is solved for the rows before
         rows.size[0] = k
@@ -158,7 +169,7 @@ def join_law(
 
 @kernel("void(MechanismStep, RowBuffer, i8[::1], f8[::1])")
 def start_of_tangent_law(s: MechanismStep, there: RowBuffer, order: Array, start: Array) -> None:
-    """Write the free motion, of free bodies the velocity after the law less its percussions at the rows as they are.
+    """Write the free motion, of free bodies the velocity at the end less percussions of the law at rows as they are.
 
     What the percussions of the tangent velocity differ by from those of the law is then an impulse at these rows.
     `order`, shape (k,), says which row of the law each was; `start` has shape (nv,).
@@ -176,7 +187,7 @@ def start_of_tangent_law(s: MechanismStep, there: RowBuffer, order: Array, start
                     impulse[0, j] += s.turn[3 * a + c] * there.R[3 * i + c, j]
         solve(s.room.L, s.mechanism.parent, impulse, whitened, change)
     for j in range(n):
-        start[j] = s.v[j] - change[0, j] if s.bodies.owner[j] >= 0 else s.room.free[j]
+        start[j] = s.room.after[j] - change[0, j] if s.bodies.owner[j] >= 0 else s.room.free[j]
 
 
 @kernel("void(MechanismStep, RowBuffer)")
@@ -212,7 +223,7 @@ def follow(s: MechanismStep, v: Array, half: float, sunk: Sunk, near: RowBuffer,
     """
     marks, room, k, m, i = s.middle, s.room, s.rows.size[0], near.size[0], near.size[0]
     there, order, left = rows_for(k, marks), np.empty(k, np.int64), np.ones(k, np.bool_)
-    lower, start, w, e = np.empty(k), np.empty(len(v)), s.v.copy(), s.rows.e
+    lower, start, e = np.empty(k), np.empty(len(v)), s.rows.e
     copy_rows(near, there)
     for j in range(m):
         order[j], left[owner[j]] = owner[j], False
@@ -224,6 +235,11 @@ def follow(s: MechanismStep, v: Array, half: float, sunk: Sunk, near: RowBuffer,
             copy_row(marks, a, there)
             there.e[i] = e[a]
             i += 1
+    if m < k and len(s.bodies.mass) > 0:
+        # all gradients are those at one place
+        place(s.mechanism, room.end)
+        for i in range(m, k):
+            write_gradients(s.mechanism, s.constraints, there, i)
     for i in range(k):
         a, lower[i] = order[i], -there.e[i] * inner(there.J[i], v)
         # a gap that the projection left open may close until the next law: otherwise its body would fall freely; a
@@ -237,7 +253,7 @@ def follow(s: MechanismStep, v: Array, half: float, sunk: Sunk, near: RowBuffer,
     s.residual[0] = max(s.residual[0], sunk.residual[0])
     copy_rows(there, s.rows)
     if len(s.bodies.mass) > 0:
-        keep_momentum_of_rows(s.bodies, s.rows.J[:k], s.q, w, room.end, sunk.place, s.v)
+        keep_momentum_of_rows(s.bodies, s.rows.J[:k], s.q, room.after, room.end, sunk.place, s.v)
         write_speeds_after(s, s.rows)
     for j in range(len(s.q)):
         s.q[j] = sunk.place[j]
@@ -266,9 +282,9 @@ def project_positions(s: MechanismStep, v: Array, h: float, near: Array, bounces
     Parameters
     ----------
     s : MechanismStep
-        With the step before position projection, placed where the law was applied (`room.middle`), and all rows that
-        are known (see `nearby_kernel`). The gaps of the law's rows are those where it was applied, and `room.opened`
-        has the speeds at which they may close.
+        With the step before position projection, placed where the law was applied (`room.middle`), with the velocity
+        after the law and that at the end (`room.after`), and with all rows that are known (see `nearby_kernel`). The
+        gaps of the law's rows are those where it was applied, and `room.opened` has the speeds at which they may close.
     v : ndarray, shape (nv,)
         The velocity before the law.
     h : float
@@ -281,6 +297,7 @@ def project_positions(s: MechanismStep, v: Array, h: float, near: Array, bounces
     rows, marks, room, half, count = s.rows, s.middle, s.room, 0.5 * h, s.rows.size[0]
     if not may_sink(s):
         advance_gaps(s, half)
+        take_velocity_of_end(s)
         return DONE
     if not write_free_motion(s, v, h, True):
         return UNSOLVED
@@ -331,4 +348,5 @@ def project_positions(s: MechanismStep, v: Array, h: float, near: Array, bounces
         if code != DONE:
             return code
     advance_gaps(s, half)
+    take_velocity_of_end(s)
     return DONE

@@ -9,8 +9,9 @@ from ...compiled import plain_array
 from ...geometry import rotations
 from ...projection import BodiesMetric, DiagonalMetric, FreeMotion, Metric
 from ..system import Array, System
+from .coasting import coast
 from .sparse_rows import MOST_DENSE, rows_from, rows_of_two
-from .spinning import free_velocities, principal
+from .spinning import free_velocities, links_of_bodies
 from .turning import accelerations, chart_rates, integrate, placements, separation_rows, sparse_separation_rows
 
 
@@ -131,7 +132,7 @@ class FreeBodies(System):
     Per body, q holds the centre of mass in the world and the quaternion (x, y, z, w); v holds the velocity of the
     centre of mass in the world and the angular velocity in the body's axes, so that M is constant. The retraction is
     that of R^3 x SO(3): the centre moves along a line, the body turns about a fixed axis. Gyroscopic torques of a step
-    keep the energy of rotation; see `spin`.
+    keep the energy of rotation; see `spin`, and `coast_spin` for `Centered`.
     """
 
     free_bodies = True
@@ -146,8 +147,7 @@ class FreeBodies(System):
         self.bodies = ("world", *names)
         self.masses, self.inertias, self.gravity = masses, np.array(inertias, float, order="C"), gravity
         self._inverses = np.linalg.inv(self.inertias)
-        self._axes, _, self._factors = principal(self.inertias)
-        self._room = np.zeros((2, 3))
+        self._links = links_of_bodies(self.masses, self.inertias)
         self._lengths = np.tile([True, True, True, False, False, False], n)
         blocks = np.zeros((n, 6, 6))
         blocks[:, :3, :3] = masses[:, None, None] * np.eye(3)
@@ -199,15 +199,26 @@ class FreeBodies(System):
 
     def free_velocity(self, t: float, q: Array, v: Array, h: float) -> Array:
         out = np.empty(self.nv)
-        free_velocities(plain_array(v), self._pull, self._axes, self._factors, h, self._room, out)
+        links = self._links
+        free_velocities(plain_array(v), self._pull, links.axes, links.factors, h, links.state, out)
         return out
+
+    def coast(self, v: Array, h: float) -> tuple[Array, Array]:
+        displacement, after = np.empty(self.nv), np.empty(self.nv)
+        coast(self._links, h, plain_array(v), displacement, after)
+        return displacement, after
+
+    def pushed_velocity(self, t: float, q: Array, v: Array, h: float) -> Array:
+        pushed = v.copy()
+        pushed.reshape(-1, 6)[:, :3] += h * self._pull
+        return pushed
 
     def free_motion(self, t: float, q: Array, v: Array, h: float) -> FreeMotion:
         return FreeMotion(self.free_velocity(t, q, v, h), self._metric)
 
     def centered_motion(self, t: float, q: Array, v: Array, h: float, at: Array) -> FreeMotion:
         # no force depends on v
-        return self.free_motion(t, q, v, h)
+        return FreeMotion(self.pushed_velocity(t, q, v, h), self._metric)
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         out = np.empty(self.nv)

@@ -5,13 +5,15 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
 from ...compiled import record
 from ..system import Array, System
 from .bodies import FreeBodies, Spheres
+from .spinning import free_links
 
 
-@record("i8[::1], i8[::1], f8[::1], f8[:,:,::1], f8[:,:,::1], b1[::1], i8[::1]")
+@record("i8[::1], i8[::1], f8[::1], f8[:,:,::1], f8[:,:,::1], b1[::1], i8[::1], b1[::1], f8[:,::1]")
 class FreeBodyTable(NamedTuple):
     """The free bodies of a system.
 
@@ -27,6 +29,10 @@ class FreeBodyTable(NamedTuple):
         Which have rotations.
     owner : ndarray of int, shape (nv,)
         The body that each velocity is of, -1 of others.
+    turning : ndarray of bool, shape (n,)
+        Whose linear velocity is that of an origin, in the body's axes: a robot that is one free link.
+    centre : ndarray, shape (n, 3)
+        From there to the centre of mass in the body's axes [m]; zero of others.
     """
 
     q: Array
@@ -36,31 +42,47 @@ class FreeBodyTable(NamedTuple):
     inverse: Array
     turns: Array
     owner: Array
+    turning: Array
+    centre: Array
 
 
 def free_body_table(system: System) -> FreeBodyTable:
     """Return the table of a system; bodies that move in a plane, or are connected to others, are not in it."""
-    q: list[int] = []
-    v: list[int] = []
-    masses, inertias, turns, owner = [np.zeros(0)], [np.zeros((0, 3, 3))], [], np.full(system.nv, -1)
+    found: list[tuple[int, int, float, Array, bool, bool, Array]] = []
+    owner, none = np.full(system.nv, -1), np.zeros(3)
+    coupled = {column for columns in system.coupled() for column in columns.tolist()}
     for part in system.located_parts():
-        bodies = part.system
+        bodies, own = part.system, []
         # of classes derived from these q or v may differ
-        if type(bodies) is not FreeBodies and type(bodies) is not Spheres:
-            continue
-        n, wide = bodies.independent_bodies, (7, 6) if isinstance(bodies, FreeBodies) else (3, 3)
-        owner[part.v : part.v + wide[1] * n] = len(q) + np.repeat(np.arange(n), wide[1])
-        q += (part.q + wide[0] * np.arange(n)).tolist()
-        v += (part.v + wide[1] * np.arange(n)).tolist()
-        masses.append(bodies.masses)
-        inertias.append(bodies.inertias if isinstance(bodies, FreeBodies) else np.zeros((n, 3, 3)))
-        turns += [isinstance(bodies, FreeBodies)] * n
-    columns, mass = np.concatenate([np.zeros(0, np.int64), *system.coupled()]), np.concatenate(masses)
-    free = ~np.isin(np.arange(len(mass)), owner[columns])
-    number = np.where(free, np.cumsum(free) - 1, -1)
-    owner = np.where(owner >= 0, number[owner], -1) if len(number) else owner
-    inertia, turning = np.concatenate(inertias)[free], np.array(turns, bool)[free]
-    inverse = np.zeros(inertia.shape)
-    inverse[turning] = np.linalg.inv(inertia[turning])
-    first_q, first_v = np.array(q, np.int64)[free], np.array(v, np.int64)[free]
-    return FreeBodyTable(first_q, first_v, mass[free], inertia, inverse, turning, owner)
+        if type(bodies) is FreeBodies:
+            each = enumerate(zip(bodies.masses, bodies.inertias, strict=True))
+            own = [(part.q + 7 * k, part.v + 6 * k, mass, inertia, True, False, none) for k, (mass, inertia) in each]
+        elif type(bodies) is Spheres:
+            balls = enumerate(bodies.masses)
+            own = [(part.q + 3 * k, part.v + 3 * k, mass, np.zeros((3, 3)), False, False, none) for k, mass in balls]
+        elif bodies.model is not None and is_one_link(bodies.model):
+            body = bodies.model.inertias[1]
+            own = [(part.q, part.v, body.mass, body.inertia, True, True, body.lever)]
+        for one in own:
+            columns = range(one[1], one[1] + (6 if one[4] else 3))
+            if coupled.isdisjoint(columns):
+                owner[columns.start : columns.stop] = len(found)
+                found.append(one)
+    q, v, mass, inertia, turns, turning, centre = zip(*found, strict=True) if found else ((),) * 7
+    inertias, rotates = np.array(inertia, float).reshape(-1, 3, 3), np.array(turns, bool)
+    inverse = np.zeros(inertias.shape)
+    inverse[rotates] = np.linalg.inv(inertias[rotates])
+    return FreeBodyTable(
+        np.array(q, np.int64), np.array(v, np.int64), np.array(mass, float), inertias, inverse, rotates, owner,
+        np.array(turning, bool), np.array(centre, float).reshape(-1, 3),
+    )  # fmt: skip
+
+
+def is_one_link(model: pin.Model) -> bool:
+    """Return whether a robot is one free link whose base has the world's axes."""
+    return (
+        model.njoints == 2
+        and model.joints[1].shortname() == "JointModelFreeFlyer"
+        and bool(model.jointPlacements[1].isIdentity(0.0))
+        and len(free_links(model).first) == 1
+    )

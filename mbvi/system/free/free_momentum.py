@@ -12,38 +12,12 @@ from ...compiled import kernel
 from ..system import Array
 from .free_body_table import FreeBodyTable
 from .turning import write_rotation
+from .world_motion import add_spin, add_velocity, set_spin, set_velocity, write_centre
 
 # pivots below this part of the largest moment of inertia are rounding, as of two balls about the line of their centres
 _SINGULAR = 1e-12
 # a row is between two bodies if its forces cancel to this part
 _CANCELS = 1e-9
-
-
-@kernel("void(FreeBodyTable, i8, f8[::1], f8[::1], f8, f8[::1])")
-def add_spin(bodies: FreeBodyTable, b: int, q: Array, v: Array, factor: float, spin: Array) -> None:
-    """Add a multiple of the angular momentum of body b about its centre, in the world, to `spin`, shape (3,)."""
-    if not bodies.turns[b]:
-        return
-    C, j, inertia = np.empty((3, 3)), bodies.v[b] + 3, bodies.inertia[b]
-    write_rotation(q, bodies.q[b] + 3, C)
-    for c in range(3):
-        own = factor * (inertia[c, 0] * v[j] + inertia[c, 1] * v[j + 1] + inertia[c, 2] * v[j + 2])
-        for d in range(3):
-            spin[d] += C[c, d] * own
-
-
-@kernel("void(FreeBodyTable, i8, f8[::1], f8[::1], f8[::1])")
-def set_spin(bodies: FreeBodyTable, b: int, q: Array, spin: Array, v: Array) -> None:
-    """Write the angular velocity of body b that has a given angular momentum in the world, shape (3,)."""
-    C, j, own = np.empty((3, 3)), bodies.v[b] + 3, np.zeros(3)
-    write_rotation(q, bodies.q[b] + 3, C)
-    for c in range(3):
-        for d in range(3):
-            own[c] += C[c, d] * spin[d]
-    for c in range(3):
-        v[j + c] = (
-            bodies.inverse[b, c, 0] * own[0] + bodies.inverse[b, c, 1] * own[1] + bodies.inverse[b, c, 2] * own[2]
-        )
 
 
 @kernel("void(f8[:,::1], f8[::1])")
@@ -89,8 +63,10 @@ def root_of(group: Array, b: int) -> int:
     return b
 
 
-@kernel("void(FreeBodyTable, f8[::1], i4[::1], i4[::1], i8[::1], b1[::1])")
-def write_groups(bodies: FreeBodyTable, data: Array, columns: Array, starts: Array, group: Array, loose: Array) -> None:
+@kernel("void(FreeBodyTable, f8[::1], i4[::1], i4[::1], f8[::1], i8[::1], b1[::1])")
+def write_groups(
+    bodies: FreeBodyTable, data: Array, columns: Array, starts: Array, place: Array, group: Array, loose: Array
+) -> None:
     """Find which bodies rows join, and which of these groups touch nothing else.
 
     Parameters
@@ -99,13 +75,15 @@ def write_groups(bodies: FreeBodyTable, data: Array, columns: Array, starts: Arr
         The bodies.
     data, columns, starts : ndarray
         The gradients of the rows as sparse rows.
+    place : ndarray, shape (nq,)
+        The configuration in whose axes they are.
     group : ndarray of int, shape (n,)
         Receives a representative of each body's group.
     loose : ndarray of bool, shape (n,)
         Receives of representatives whether their group touches nothing else.
     """
     n = len(group)
-    grounded = np.zeros(n, np.bool_)
+    grounded, C = np.zeros(n, np.bool_), np.empty((3, 3))
     for b in range(n):
         group[b] = b
     for a in range(len(starts) - 1):
@@ -115,7 +93,13 @@ def write_groups(bodies: FreeBodyTable, data: Array, columns: Array, starts: Arr
                 b = bodies.owner[columns[i]]
                 other = other or b < 0
                 if b >= 0 and columns[i] < bodies.v[b] + 3:
-                    total[columns[i] - bodies.v[b]] += data[i]
+                    c = columns[i] - bodies.v[b]
+                    if bodies.turning[b]:
+                        write_rotation(place, bodies.q[b] + 3, C)
+                        for d in range(3):
+                            total[d] += C[c, d] * data[i]
+                    else:
+                        total[c] += data[i]
                     size += abs(data[i])
         other = other or abs(total[0]) + abs(total[1]) + abs(total[2]) > _CANCELS * size
         for i in range(starts[a], starts[a + 1]):
@@ -135,14 +119,15 @@ def write_groups(bodies: FreeBodyTable, data: Array, columns: Array, starts: Arr
 def write_centres(bodies: FreeBodyTable, group: Array, q: Array, centre: Array) -> None:
     """Write the centre of mass of each group of bodies at its representative, shape (n, 3)."""
     n = len(group)
-    mass = np.zeros(n)
+    mass, own = np.zeros(n), np.empty(3)
     for b in range(n):
         for c in range(3):
             centre[b, c] = 0.0
     for b in range(n):
         mass[group[b]] += bodies.mass[b]
+        write_centre(bodies, b, q, own)
         for c in range(3):
-            centre[group[b], c] += bodies.mass[b] * q[bodies.q[b] + c]
+            centre[group[b], c] += bodies.mass[b] * own[c]
     for b in range(n):
         if group[b] == b:
             for c in range(3):
@@ -154,13 +139,15 @@ def add_angular_momenta(
     bodies: FreeBodyTable, group: Array, centre: Array, q: Array, v: Array, factor: float, momentum: Array
 ) -> None:
     """Add multiples of the angular momenta of groups about their centres, shape (n, 3); see `write_centres`."""
+    own, u = np.empty(3), np.empty(3)
     for b in range(len(group)):
-        i, j, g = bodies.q[b], bodies.v[b], group[b]
-        m = factor * bodies.mass[b]
-        x, y, z = q[i] - centre[g, 0], q[i + 1] - centre[g, 1], q[i + 2] - centre[g, 2]
-        momentum[g, 0] += m * (y * v[j + 2] - z * v[j + 1])
-        momentum[g, 1] += m * (z * v[j] - x * v[j + 2])
-        momentum[g, 2] += m * (x * v[j + 1] - y * v[j])
+        g, u[0], u[1], u[2] = group[b], 0.0, 0.0, 0.0
+        write_centre(bodies, b, q, own)
+        add_velocity(bodies, b, q, v, factor * bodies.mass[b], u)
+        x, y, z = own[0] - centre[g, 0], own[1] - centre[g, 1], own[2] - centre[g, 2]
+        momentum[g, 0] += y * u[2] - z * u[1]
+        momentum[g, 1] += z * u[0] - x * u[2]
+        momentum[g, 2] += x * u[1] - y * u[0]
         add_spin(bodies, b, q, v, factor, momentum[g])
 
 
@@ -174,8 +161,9 @@ def write_inertias(bodies: FreeBodyTable, group: Array, centre: Array, q: Array,
                 inertia[b, c, d] = 0.0
     for b in range(len(group)):
         i, own = bodies.q[b], inertia[group[b]]
+        write_centre(bodies, b, q, arm)
         for c in range(3):
-            arm[c] = q[i + c] - centre[group[b], c]
+            arm[c] -= centre[group[b], c]
         square = arm[0] * arm[0] + arm[1] * arm[1] + arm[2] * arm[2]
         for c in range(3):
             own[c, c] += bodies.mass[b] * square
@@ -209,22 +197,43 @@ def turn_groups(
     place : bool
         Whether it is q.
     """
-    C = np.empty((3, 3))
+    C, own, u = np.empty((3, 3)), np.empty(3), np.empty(3)
     for b in range(len(group)):
-        g, i = group[b], bodies.q[b]
+        g, i, j = group[b], bodies.q[b], bodies.v[b]
         if not loose[g]:
             continue
-        x, y, z, j = q[i] - centre[g, 0], q[i + 1] - centre[g, 1], q[i + 2] - centre[g, 2], bodies.v[b]
+        write_centre(bodies, b, q, own)
+        x, y, z, u[0], u[1], u[2] = own[0] - centre[g, 0], own[1] - centre[g, 1], own[2] - centre[g, 2], 0.0, 0.0, 0.0
+        turned = turn[g, 1] * z - turn[g, 2] * y, turn[g, 2] * x - turn[g, 0] * z, turn[g, 0] * y - turn[g, 1] * x
         if place:
-            j = i
-        elif bodies.turns[b]:
+            for c in range(3):
+                out[i + c] += turned[c]
+            continue
+        add_velocity(bodies, b, q, out, 1.0, u)
+        if bodies.turns[b]:
             write_rotation(q, i + 3, C)
             for c in range(3):
                 for d in range(3):
                     out[j + 3 + c] += C[c, d] * turn[g, d]
-        out[j] += turn[g, 1] * z - turn[g, 2] * y
-        out[j + 1] += turn[g, 2] * x - turn[g, 0] * z
-        out[j + 2] += turn[g, 0] * y - turn[g, 1] * x
+        for c in range(3):
+            u[c] += turned[c]
+        set_velocity(bodies, b, q, u, out)
+
+
+@kernel("void(FreeBodyTable, i8[::1], b1[::1], f8[:,::1], f8[::1])")
+def put_back_centres(bodies: FreeBodyTable, group: Array, loose: Array, centre: Array, q: Array) -> None:
+    """Move loose groups that have links so that their centres of mass are given ones, shape (n, 3).
+
+    A displacement moves the centre of such a link along a screw, and that of its group by its square.
+    """
+    n = len(group)
+    moves, there = np.zeros(n, np.bool_), np.empty((n, 3))
+    write_centres(bodies, group, q, there)
+    for b in range(n):
+        moves[group[b]] = moves[group[b]] or (loose[group[b]] and bodies.turning[b])
+    for b in range(n):
+        for c in range(3 if moves[group[b]] else 0):
+            q[bodies.q[b] + c] += centre[group[b], c] - there[group[b], c]
 
 
 @kernel("void(FreeBodyTable, f8[::1], i4[::1], i4[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1])")
@@ -257,15 +266,22 @@ def keep_momentum(
     """
     n = len(bodies.mass)
     group, loose, rigid, centre = np.empty(n, np.int64), np.empty(n, np.bool_), np.empty(n, np.bool_), np.empty((n, 3))
-    momentum, moved, inertia = np.zeros((n, 3)), np.zeros(len(v)), np.empty((n, 3, 3))
-    write_groups(bodies, data, columns, starts, group, loose)
+    momentum, moved, inertia, u = np.zeros((n, 3)), np.zeros(len(v)), np.empty((n, 3, 3)), np.empty(3)
+    write_groups(bodies, data, columns, starts, place, group, loose)
     for b in range(n):
         spin = np.zeros(3)
         if bodies.turns[b]:
             add_spin(bodies, b, before, w, 1.0, spin)
             add_spin(bodies, b, place, v, 1.0, spin)
             add_spin(bodies, b, place, w, -1.0, spin)
+            if bodies.turning[b]:
+                u[0] = u[1] = u[2] = 0.0
+                add_velocity(bodies, b, before, w, 1.0, u)
+                add_velocity(bodies, b, place, v, 1.0, u)
+                add_velocity(bodies, b, place, w, -1.0, u)
             set_spin(bodies, b, q, spin, v)
+            if bodies.turning[b]:
+                set_velocity(bodies, b, q, u, v)
     write_centres(bodies, group, before, centre)
     add_angular_momenta(bodies, group, centre, before, w, 1.0, momentum)
     # groups of which no body turns
@@ -274,7 +290,7 @@ def keep_momentum(
         rigid[b] = loose[b]
     for b in range(n):
         rigid[group[b]] = rigid[group[b]] and not bodies.turns[b]
-        for c in range(3):
+        for c in range(0 if bodies.turning[b] else 3):
             moved[bodies.v[b] + c] = before[bodies.q[b] + c] - q[bodies.q[b] + c]
     add_angular_momenta(bodies, group, centre, before, moved, 1.0, rotation)
     write_inertias(bodies, group, centre, before, inertia)
@@ -282,6 +298,7 @@ def keep_momentum(
         if group[b] == b:
             solve_symmetric(inertia[b], rotation[b])
     turn_groups(bodies, group, rigid, centre, rotation, before, q, True)
+    put_back_centres(bodies, group, loose, centre, q)
     write_centres(bodies, group, q, centre)
     add_angular_momenta(bodies, group, centre, q, v, -1.0, momentum)
     write_inertias(bodies, group, centre, q, inertia)

@@ -122,6 +122,9 @@ class PlanarBodies(FreeBodies):
     def free_velocity(self, t: float, q: Array, v: Array, h: float) -> Array:
         return v + h * self._pull
 
+    # their axis of rotation is fixed, and no gyroscopic torque acts along it
+    coast, pushed_velocity = System.coast, System.pushed_velocity
+
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         return self._pull
 

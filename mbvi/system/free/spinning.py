@@ -12,9 +12,9 @@ from ...compiled import kernel, record
 Array = np.ndarray
 
 # largest angle of one part of a step [rad]: below sqrt(3) / 2 Newton's method converges, see `spin`
-_PART = 0.8
+PART = 0.8
 # most parts of a step, and most iterations in each; four are usual
-_MOST_PARTS, _MOST_ITERATIONS = 64, 12
+MOST_PARTS, _MOST_ITERATIONS = 64, 12
 # relative error below rounding
 _ROUNDING = 1e-17
 
@@ -96,9 +96,9 @@ def spin(factors: Array, h: float, state: Array) -> None:
     x, y, z, u, v, w = state[0, 0], state[0, 1], state[0, 2], state[1, 0], state[1, 1], state[1, 2]
     carries = u != 0.0 or v != 0.0 or w != 0.0
     left = h
-    for _ in range(_MOST_PARTS):
+    for _ in range(MOST_PARTS):
         angle = abs(left) * np.sqrt(x * x + y * y + z * z)
-        part = left if angle <= _PART else left * _PART / angle
+        part = left if angle <= PART else left * PART / angle
         a, b, c, converged = mean_spin(factors, part, x, y, z)
         if not converged:
             break
@@ -146,7 +146,7 @@ def free_velocities(v: Array, pull: Array, axes: Array, factors: Array, h: float
             out[j + 3 + c] = A[0, c] * state[0, 0] + A[1, c] * state[0, 1] + A[2, c] * state[0, 2]
 
 
-@record("i8[::1], b1[::1], f8[::1], f8[:,::1], f8[:,:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1]")
+@record("i8[::1], b1[::1], f8[::1], f8[:,::1], f8[:,:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[::1]")
 class FreeLinks(NamedTuple):
     """The free bodies of a Pinocchio model: links on a joint of six velocities that carry no other link.
 
@@ -162,7 +162,7 @@ class FreeLinks(NamedTuple):
         Centres of mass, along the principal axes [m].
     axes, moments, factors : ndarray, shapes (k, 3, 3), (k, 3) and (k, 3)
         See `principal`.
-    state, room : ndarray, shapes (2, 3) and (6, 3)
+    state, room, turn : ndarray, shapes (2, 3), (6, 3) and (4,)
         Room.
     """
 
@@ -175,6 +175,7 @@ class FreeLinks(NamedTuple):
     factors: Array
     state: Array
     room: Array
+    turn: Array
 
 
 def free_links(model: pin.Model) -> FreeLinks:
@@ -193,10 +194,37 @@ def free_links(model: pin.Model) -> FreeLinks:
     first, turning, mass, lever, inertia = zip(*found, strict=True) if found else ((),) * 5
     axes, moments, factors = principal(np.array(inertia, float).reshape(-1, 3, 3))
     centre = np.einsum("kij,kj->ki", axes, np.array(lever, float).reshape(-1, 3))
-    return FreeLinks(
-        np.array(first, np.int64), np.array(turning, bool), np.array(mass, float), centre, axes, moments, factors,
-        np.zeros((2, 3)), np.zeros((6, 3)),
-    )  # fmt: skip
+    numbers = np.array(first, np.int64), np.array(turning, bool), np.array(mass, float)
+    return FreeLinks(*numbers, centre, axes, moments, factors, *_room())
+
+
+def links_of_bodies(masses: Array, inertias: Array) -> FreeLinks:
+    """Return the free bodies of `FreeBodies`, of masses and inertias of the shapes (n,) and (n, 3, 3)."""
+    n = len(masses)
+    found = principal(inertias)
+    return FreeLinks(6 * np.arange(n), np.zeros(n, bool), masses.astype(float), np.zeros((n, 3)), *found, *_room())
+
+
+def _room() -> tuple[Array, Array, Array]:
+    """Return what `FreeLinks` has of room."""
+    return np.zeros((2, 3)), np.zeros((6, 3)), np.zeros(4)
+
+
+@kernel("void(FreeLinks, f8[::1], f8[::1])")
+def remove_spin_effects(bodies: FreeLinks, at: Array, effects: Array) -> None:
+    """Take the gyroscopic part of the nonlinear effects at the velocity `at` off free bodies; both shapes (nv,)."""
+    for body in range(len(bodies.first)):
+        first, m, c, A = bodies.first[body], bodies.mass[body], bodies.centre[body], bodies.axes[body]
+        J, turning, room = bodies.moments[body], bodies.turning[body], bodies.room
+        w, u, line, turn = room[0], room[1], room[4], room[5]
+        along(A, at[first : first + 6], turning, w, u)
+        add_cross(1.0, w, c, u)
+        # about the centre: m w x u and w x J w
+        for i in range(3):
+            j, k = (i + 1) % 3, (i + 2) % 3
+            line[i] = -m * (w[j] * u[k] - w[k] * u[j]) if turning else 0.0
+            turn[i] = -(J[k] - J[j]) * w[j] * w[k]
+        add_effects(A, c, line, turn, effects[first : first + 6])
 
 
 @kernel("void(FreeLinks, f8[::1], f8[::1], f8, f8[::1], f8[::1])")
@@ -219,45 +247,45 @@ def spin_effects(bodies: FreeLinks, v: Array, at: Array, h: float, torque: Array
     `spin` begins at the velocity that half of the other forces lead to, and the other half follows: together they are
     the implicit midpoint rule with constant forces.
     """
+    remove_spin_effects(bodies, at, effects)
     for body in range(len(bodies.first)):
         first, m, c, A = bodies.first[body], bodies.mass[body], bodies.centre[body], bodies.axes[body]
         J, state, turning, room = bodies.moments[body], bodies.state, bodies.turning[body], bodies.room
         w, u, force, moment, line, turn = room[0], room[1], room[2], room[3], room[4], room[5]
-        # all along the principal axes: state holds w and u of v; w and u are those of `at`
-        _along(A, v[first : first + 6], turning, state[0], state[1])
-        _along(A, at[first : first + 6], turning, w, u)
+        # all along the principal axes: state holds w and u of v
+        along(A, v[first : first + 6], turning, state[0], state[1])
         for i in range(3):
             force[i] = moment[i] = 0.0
             for k in range(3):
                 moment[i] += A[i, k] * (torque[first + 3 + k] - effects[first + 3 + k])
                 if turning:
                     force[i] += A[i, k] * (torque[first + k] - effects[first + k])
-        _add_cross(1.0, state[0], c, state[1])
-        _add_cross(1.0, w, c, u)
-        # what the effects have of gyroscopic ones, about the centre: m w x u and w x J w
-        for i in range(3):
-            j, k = (i + 1) % 3, (i + 2) % 3
-            line[i] = m * (w[j] * u[k] - w[k] * u[j]) if turning else 0.0
-            turn[i] = (J[k] - J[j]) * w[j] * w[k]
+        add_cross(1.0, state[0], c, state[1])
         # the other forces, about the centre; half of them act before the body turns
-        _add_cross(-1.0, c, force, moment)
+        add_cross(-1.0, c, force, moment)
         for i in range(3):
-            state[0, i] += 0.5 * h * (moment[i] + turn[i]) / J[i]
-            state[1, i] += 0.5 * h * (force[i] + line[i]) / m
+            state[0, i] += 0.5 * h * moment[i] / J[i]
+            state[1, i] += 0.5 * h * force[i] / m
             w[i], u[i] = state[0, i], state[1, i]
         spin(bodies.factors[body], h, state)
         for i in range(3):
-            turn[i] = J[i] * (w[i] - state[0, i]) / h - turn[i]
-            line[i] = m * (u[i] - state[1, i]) / h - line[i] if turning else 0.0
-        _add_cross(1.0, c, line, turn)
-        for i in range(3):
-            for k in range(3):
-                effects[first + i] += A[k, i] * line[k]
-                effects[first + 3 + i] += A[k, i] * turn[k]
+            turn[i] = J[i] * (w[i] - state[0, i]) / h
+            line[i] = m * (u[i] - state[1, i]) / h if turning else 0.0
+        add_effects(A, c, line, turn, effects[first : first + 6])
+
+
+@kernel("void(f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1])")
+def add_effects(axes: Array, centre: Array, line: Array, turn: Array, effects: Array) -> None:
+    """Add a force and a moment about a centre, shapes (3,), along axes, to effects, shape (6,); `turn` is changed."""
+    add_cross(1.0, centre, line, turn)
+    for i in range(3):
+        for k in range(3):
+            effects[i] += axes[k, i] * line[k]
+            effects[3 + i] += axes[k, i] * turn[k]
 
 
 @kernel("void(f8[:,::1], f8[::1], b1, f8[::1], f8[::1])")
-def _along(axes: Array, v: Array, turning: bool, w: Array, u: Array) -> None:
+def along(axes: Array, v: Array, turning: bool, w: Array, u: Array) -> None:
     """Write the components of angular and, if it turns with the body, linear velocity along axes, shapes (3,)."""
     for i in range(3):
         w[i] = axes[i, 0] * v[3] + axes[i, 1] * v[4] + axes[i, 2] * v[5]
@@ -265,7 +293,7 @@ def _along(axes: Array, v: Array, turning: bool, w: Array, u: Array) -> None:
 
 
 @kernel("void(f8, f8[::1], f8[::1], f8[::1])")
-def _add_cross(factor: float, a: Array, b: Array, to: Array) -> None:
+def add_cross(factor: float, a: Array, b: Array, to: Array) -> None:
     """Add a multiple of a x b, all of shape (3,)."""
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3

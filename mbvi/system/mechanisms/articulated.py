@@ -17,7 +17,8 @@ from ...projection import TreeFreeMotion, TreeMetric, in_flight
 from ...projection.tree_factor import least_change
 from ..actuators import Actuators, DrivenActuators
 from ..controls import LoopControl
-from ..free.spinning import free_links, spin_effects
+from ..free.coasting import coast
+from ..free.spinning import free_links, remove_spin_effects, spin_effects
 from ..given import not_finite
 from ..joint_forces import JointForce, add_row_forces, force_rows, spring_energy
 from ..system import Array, Kinematics, System
@@ -252,22 +253,43 @@ class ArticulatedSystem(System):
     def free_velocity(self, t: float, q: Array, v: Array, h: float) -> Array:
         return in_flight(self.free_motion(t, q, v, h))
 
+    def coast(self, v: Array, h: float) -> tuple[Array, Array]:
+        if not self._spins:
+            return h * v, v
+        displacement, after = np.empty(self.nv), np.empty(self.nv)
+        coast(self._free, h, plain_array(v), displacement, after)
+        return displacement, after
+
+    def pushed_velocity(self, t: float, q: Array, v: Array, h: float) -> Array:
+        return in_flight(self.pushed_motion(t, q, v, h))
+
     def free_motion(self, t: float, q: Array, v: Array, h: float) -> TreeFreeMotion:
-        return self._free_motion(t, q, v, h, v, False)
+        return self._free_motion(t, q, v, h, v, False, True)
+
+    def pushed_motion(self, t: float, q: Array, v: Array, h: float) -> TreeFreeMotion:
+        """Return the free motion without the gyroscopic torques of free bodies, which `coast` has."""
+        return self._free_motion(t, q, v, h, v, False, False)
 
     def centered_motion(self, t: float, q: Array, v: Array, h: float, at: Array) -> TreeFreeMotion:
-        return self._free_motion(t, q, v, h, at, True)
+        return self._free_motion(t, q, v, h, at, True, False)
 
-    def _free_motion(self, t: float, q: Array, v: Array, h: float, at: Array, twice: bool) -> TreeFreeMotion:
-        """Return the free motion of v under forces at a velocity; `twice` is that of `advance_by`."""
+    def _free_motion(
+        self, t: float, q: Array, v: Array, h: float, at: Array, twice: bool, spins: bool
+    ) -> TreeFreeMotion:
+        """Return the free motion of v under forces at a velocity.
+
+        `twice` is that of `advance_by`, and `spins` is whether gyroscopic torques of free bodies act.
+        """
         if q is not self._current:
             self._refresh(q)
         torque = self.torque(t, q, at)
         effects = self._effects(q, at)
         if not v.flags.carray:
             v = plain_array(v)
-        if self._spins:
+        if self._spins and spins:
             spin_effects(self._free, v, plain_array(at), h, plain_array(torque), effects)
+        elif self._spins:
+            remove_spin_effects(self._free, plain_array(at), effects)
         # a later evaluation at another q overwrites Pinocchio's mass matrix
         return TreeFreeMotion(
             self._mass.copy(), self.damping, self._parent, v, h, torque, effects, twice,

@@ -11,6 +11,7 @@ import pinocchio as pin
 from ...compiled import kernel, record
 from ...projection.tree import factor_mass
 from ...projection.tree_factor import DEPENDENT, least_change, span_equalities
+from ..free.coasting import coast
 from ..free.spinning import FreeLinks
 from .equalities import Equalities, Equality, equalities_of, write_gaps, write_rows
 from .joint_tree import JointTree, place_joints, weigh_joints, with_own_results, write_effects
@@ -125,6 +126,13 @@ def carry(mechanism: Mechanism, q: Array, dv: Array, new: Array) -> None:
         close(mechanism, new)
 
 
+@kernel("void(Mechanism, f8[::1], f8[::1], f8, f8[::1], f8[::1], f8[::1])")
+def glide(mechanism: Mechanism, q: Array, v: Array, h: float, displacement: Array, new: Array, after: Array) -> None:
+    """Move from q along v for a time on which nothing acts; see `coast`, and `carry` for the configuration `new`."""
+    coast(mechanism.free, h, v, displacement, after)
+    carry(mechanism, q, displacement, new)
+
+
 @kernel("void(f8[:,::1], f8[:,::1])")
 def copy_matrix(matrix: Array, to: Array) -> None:
     """Copy a matrix to one of the same shape."""
@@ -215,7 +223,7 @@ def mechanism(
     OSError
         If Pinocchio cannot be called by address.
     """
-    free = free._replace(state=free.state.copy(), room=free.room.copy())
+    free = free._replace(state=free.state.copy(), room=free.room.copy(), turn=free.turn.copy())
     calls, tree = array_of_calls(model, data), with_own_results(tree)
     damping, friction = np.array(model.damping, dtype=float), dry_friction(model)
     found = None
