@@ -27,7 +27,8 @@ class Centered(Scheme):
     q_m = q_i + h v_i / 2; v_{i+1} = argmin |w - v_i - h M^-1 g|_M subject to J w >= -e J v_i, with M, g and J at q_m,
     the rows those of the constraints with f_a(q_i + h v_i) <= 0; q_{i+1} = q_m + h v_{i+1} / 2. Both drifts follow the
     retraction. Forces that change with v are evaluated half a step later, at v_i + h M^-1 g / 2; controls at v_i.
-    Gyroscopic torques of free bodies are those of all schemes, at the mean velocity of the step.
+    Free bodies move as nothing acts on them in both drifts, which has their gyroscopic torques: the law holds for the
+    velocities that v_i and v_{i+1} are in the middle, and both momenta in the world change by what acts there.
     Joint damping D takes part in the free velocity, which is the same in flight and in contact: with the other forces F
     and E(w) = w + (M + h D / 2)^-1 h (F - D w) / 2 it is x = 2 E^3(v_i) - E^4(v_i), without damping v_i + h M^-1 F.
 
