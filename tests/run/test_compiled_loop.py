@@ -671,7 +671,7 @@ REFUSED = {
     "Schatzman and Paoli": (lambda: hopper(0.5, 0.0), mbvi.SchatzmanPaoli(), {}),
     "projected positions": (lambda: hopper(0.5, 0.0), mbvi.Paoli(project_positions=True), {}),
     "a chosen solver": (lambda: hopper(0.5, 0.0), mbvi.Paoli(), {"solver": mbvi.DualActiveSet()}),
-    "a short run of two mechanisms": (lambda: two_hoppers(0.5, 0.0), mbvi.Paoli(), {}),
+    "a short run of a body": (lambda: one_box(0.5, 0.0), mbvi.Paoli(), {}),
 }
 
 
