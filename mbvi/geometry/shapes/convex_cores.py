@@ -110,7 +110,7 @@ def cores_of(shapes: Sequence[PlacedShape], frame: Array) -> Cores:
         ints[2],
         np.concatenate([np.zeros((0, 3), np.int64), *sides]).astype(np.int64),
         ints[3],
-        np.array(rims),
+        np.array(rims).reshape(-1, 4),
     )
 
 
