@@ -1177,6 +1177,7 @@ ARGUMENTS = {
     "write_axes": normals,
     "filter_active": filter_active,
     "lowest": lowest,
+    "is_tilted": lambda rng: lowest(rng)[:4],
     "stand": stand,
     "half_space_rows": half_space_rows,
     "points_below": points_below,
@@ -1247,7 +1248,7 @@ def specified(name, result, arguments):
     """What the plain form's description promises of the result and of the arguments afterwards."""
     if name in ADDRESS_ARGUMENTS:
         return results_by_address(name, arguments)
-    if name in LOOP_ARGUMENTS or name in HELD_ROW_ARGUMENTS or name == "write_torque":
+    if {name} & {*LOOP_ARGUMENTS, *HELD_ROW_ARGUMENTS, *SURFACE_ARGUMENTS, "write_torque"}:
         return [*(result if isinstance(result, tuple) else [result]), *(part for _, part in arrays_of(arguments))]
     # the last field of `Points` is scratch
     end = -1 if name in ("points_below", "half_space_rows") else None

@@ -3,18 +3,14 @@
 import numpy as np
 import pinocchio as pin
 
-from mbvi.geometry.closed_form.near_features import (
-    CoresAtMesh,
-    list_features,
-    narrow_cone,
-    place_core,
-    triangles_in_box,
-)
+from mbvi.geometry.closed_form.cores_at_mesh import CoresAtMesh, place_core
+from mbvi.geometry.closed_form.mesh_tree import triangles_in_box
+from mbvi.geometry.closed_form.near_features import list_features, narrow_cone
 from mbvi.geometry.closed_form.surface_rows import all_rows
 from mbvi.geometry.meshes.creases import creases_of
 from mbvi.geometry.meshes.triangles import Surface
 from mbvi.geometry.shapes.convex_cores import cores_of
-from mbvi.geometry.shapes.shapes import Box, Capsule, Hull, PlacedShape
+from mbvi.geometry.shapes.shapes import Box, Capsule, Cylinder, Hull, PlacedShape
 from support.robot_arguments import rotation, unit
 
 TETRAHEDRON = Hull(0.3 * np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], dtype=float))
@@ -205,6 +201,16 @@ def vertex_row(rng):
     return at, scene.s, t, i, scene.middle, 0.2, int(rng.integers(3))
 
 
+def rims(rng):
+    """A cylinder, which stands upright in some cases."""
+    scene = Scene(rng)
+    wheel = PlacedShape("wheel", Cylinder(0.2, 0.3), 1, rotation(rng), 0.1 * unit(rng))
+    if rng.random() < 0.4:
+        scene.places[0, :3] = wheel.rotation
+    cores, t = cores_of([wheel], np.zeros(1, np.int64)), scene.triangle()
+    return scene.places, scene.mesh, cores, 0, t, np.zeros((len(cores.points) + 2, 3)), scene.middle
+
+
 def sharp_row(rng):
     scene = sharp(rng)
     at, t, k, e = feature_of(scene, [[0, 1, 2], [3, 4, 5]][int(rng.integers(2))])
@@ -257,7 +263,8 @@ def tree_apart(rng):
 
 
 def of_core(rng):
-    scene = Scene(rng)
+    # a capsule has no faces
+    scene = sharp(rng)
     return scene.places, scene.cores, scene.s
 
 
@@ -367,6 +374,7 @@ SURFACE_ARGUMENTS = {
     "place_core": placed,
     "_add": add,
     "vertex_row": vertex_row,
+    "lowest_of_rims": rims,
     "sharp_row": sharp_row,
     "round_rows": round_rows,
     "all_rows": every_row,

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...compiled import held
-from ...geometry.closed_form.near_features import CoresAtMesh
+from ...geometry.closed_form.cores_at_mesh import CoresAtMesh
 from ...geometry.closed_form.surface_distances import surface_distances
 from ...geometry.closed_form.surface_rows import surface_contacts
 from ...geometry.meshes.creases import creases_of

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ...compiled import kernel, record
+from ...geometry.closed_form.cores_at_mesh import CoresAtMesh, free_way, middle_of, travel_from
 from ...geometry.closed_form.mesh_contacts import mesh_contacts
-from ...geometry.closed_form.near_features import CoresAtMesh, free_way, middle_of, travel_from
 from ...geometry.closed_form.surface_rows import lowest_gap, surface_contacts
 from ...system.mechanisms.mechanism import Mechanism, place
 from ..rows import Array

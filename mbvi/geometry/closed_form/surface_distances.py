@@ -9,8 +9,9 @@ from ...compiled import kernel
 from ..meshes.creases import Creases
 from ..meshes.triangles import FEW
 from ..shapes.convex_cores import Cores
+from .cores_at_mesh import CoresAtMesh, place_core
 from .mesh_contacts import nearest_on_triangle
-from .near_features import CoresAtMesh, box_apart, place_core
+from .mesh_tree import box_apart
 from .surface_features import above, crossing, from_segment
 
 _DEEPEST = 64

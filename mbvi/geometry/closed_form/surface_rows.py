@@ -11,17 +11,8 @@ from ..narrow.spread import BESIDE, FEW_POINTS, FLAT, few_corners, one_face, spr
 from ..shapes.convex_cores import Cores
 from ..shapes.shapes import TILTED
 from ..vectors import within_plane
-from .near_features import (
-    ON_IT,
-    ON_RIM,
-    PEAK,
-    CoresAtMesh,
-    list_features,
-    middle_of,
-    place_face,
-    place_point,
-    travel_from,
-)
+from .cores_at_mesh import ON_IT, ON_RIM, PEAK, CoresAtMesh, middle_of, place_face, place_point, travel_from
+from .near_features import list_features
 from .surface_features import BESIDE as BESIDE_NORMALS
 from .surface_features import (
     above,

@@ -7,6 +7,7 @@ import numpy as np
 from mbvi.arguments import Array
 from mbvi.geometry.narrow.support_points import Points, spread_below
 from mbvi.geometry.shapes.hull_graph import outermost
+from mbvi.geometry.shapes.shapes import TILTED
 from support.plain.articulated import separation_plain
 from support.plain.support_points import stand_plain
 
@@ -17,7 +18,12 @@ def points_below_plain(places: Array, points: Points, pair: int, tolerance: floa
     body, numbers = points.body[pair], points.numbers[begin:end]
     gap, point = np.empty(end - begin), np.empty((end - begin, 3))
     stand_plain(places, np.tile([body, pair], (end - begin, 1)), numbers, gap, point)
-    near = begin + np.flatnonzero(gap <= tolerance)
+    wanted, rim = gap <= tolerance, numbers[-1, 3:12].reshape(3, 3)
+    if rim[0].any() and not rim[2].any():
+        # the sine of the tilt of a rim: of a tilted one the fixed points do not count
+        tilt = np.linalg.norm(rim @ (places[body, :3] @ numbers[-1, 12:15])) / np.linalg.norm(rim[0])
+        wanted &= (tilt <= TILTED) | numbers[:, 3:12].any(axis=1)
+    near = begin + np.flatnonzero(wanted)
     points.found[at : at + len(near)] = near
     if points.first[begin + 1] > points.first[begin]:
         # of points equally low it is the one that the climb reaches

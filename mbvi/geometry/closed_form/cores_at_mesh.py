@@ -1,0 +1,196 @@
+"""Convex cores at a mesh, where they are, and how far they may move until they can touch it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...arguments import Array
+from ...compiled import kernel, record
+from ..meshes.creases import Creases
+from ..shapes.convex_cores import Cores
+
+# kinds of features: an edge of the core across ridge k of a triangle, a face of the core at the peak in its corner, a
+# vertex of the core on it, the rims of a cylinder on it
+PEAK, ON_IT, ON_RIM = 3, 6, 7
+
+
+@record(
+    "Creases, Cores, f8, f8[::1], f8[::1], f8[::1], f8[:,:,::1], i8[:,:,::1], i8[:,::1], i8[::1], i8[::1], i8[::1],"
+    " f8[:,::1], f8[:,::1], b1[:,::1], i8[:,::1], f8[:,::1], f8[:,::1], i8[::1], f8[::1], i8[::1], f8[::1], f8[:,::1],"
+    " f8[:,::1]"
+)
+class CoresAtMesh(NamedTuple):
+    """A mesh and convex cores, with the features of each core that may touch it.
+
+    Attributes
+    ----------
+    mesh, cores : Creases, Cores
+        The mesh, and s cores.
+    eps : float
+        Rounding [m].
+    skin : ndarray, shape (s,)
+        How far each core may move until its features are listed again [m].
+    reach : ndarray, shape (s,)
+        The greatest gap at which the listed features touch [m]; the greatest depth is the radius of the ball inside.
+    slack : ndarray, shape (s,)
+        How far each core may move from where they were listed [m]; negative before the first list.
+    place : ndarray, shape (s, 4, 3)
+        The columns of its rotation there, and its middle.
+    features : ndarray of int, shape (s, k, 3)
+        A triangle; `k` for its edge k, `PEAK` + k for its corner k, `ON_IT` and `ON_RIM` for the triangle itself; and
+        the edge, face or vertex of the core, edges counted in `cores`, the others in the core; 0 for its rims.
+    counts : ndarray of int, shape (s, 3)
+        How many features, vertices and faces are listed.
+    used_points, used_faces : ndarray of int, shapes of the vertices and the faces of `cores`
+        The vertices and faces that the features have, counted in the core, from the places of its own on.
+    near, points, faces, marks, chosen, boxes : ndarray
+        Room for triangles; for vertices and faces of any core in the world, for marks of these, for its edges and
+        boxes about them.
+    rows, group, out : ndarray, shapes (r, 7), (r,) and (12,)
+        Room for the rows of one core.
+    shape, gap, point, normal : ndarray, shapes (m,), (m,), (m, 3), (m, 3)
+        Receive the core of each contact, its gap, its point on the core's surface, and the normal towards the core.
+    """
+
+    mesh: Creases
+    cores: Cores
+    eps: float
+    skin: Array
+    reach: Array
+    slack: Array
+    place: Array
+    features: Array
+    counts: Array
+    used_points: Array
+    used_faces: Array
+    near: Array
+    points: Array
+    faces: Array
+    marks: Array
+    chosen: Array
+    boxes: Array
+    rows: Array
+    group: Array
+    out: Array
+    shape: Array
+    gap: Array
+    point: Array
+    normal: Array
+
+
+@kernel("f8(f8[:,:,::1], Cores, i8, i8)")
+def middle_of(places: Array, cores: Cores, s: int, c: int) -> float:
+    """Return coordinate c of the middle of core s in the world; see `place_core`."""
+    f = cores.frame[s]
+    x = places[f, 3, c]
+    for k in range(3):
+        x += cores.sizes[s, k] * places[f, k, c]
+    return x
+
+
+@kernel("void(f8[:,:,::1], Cores, i8, i8, f8[:,::1])")
+def place_point(places: Array, cores: Cores, s: int, i: int, points: Array) -> None:
+    """Write vertex i of core s in the world; see `place_core`."""
+    f, a = cores.frame[s], cores.first_point[s] + i
+    for c in range(3):
+        points[i, c] = places[f, 3, c]
+        for k in range(3):
+            points[i, c] += cores.points[a, k] * places[f, k, c]
+
+
+@kernel("void(f8[:,:,::1], Cores, i8, i8, f8[:,::1])")
+def place_face(places: Array, cores: Cores, s: int, i: int, faces: Array) -> None:
+    """Write face i of core s in the world; see `place_core`."""
+    f, a = cores.frame[s], cores.first_face[s] + i
+    faces[i, 3] = cores.faces[a, 3]
+    for c in range(3):
+        faces[i, c] = 0.0
+        for k in range(3):
+            faces[i, c] += cores.faces[a, k] * places[f, k, c]
+        faces[i, 3] += faces[i, c] * places[f, 3, c]
+
+
+@kernel("void(f8[:,:,::1], Cores, i8, f8[:,::1], f8[:,::1], f8[::1])")
+def place_core(places: Array, cores: Cores, s: int, points: Array, faces: Array, middle: Array) -> None:
+    """Write the vertices, the faces and the middle of core s in the world.
+
+    Parameters
+    ----------
+    places : ndarray, shape (b, 4, 3)
+        Placements of the bodies: columns of the rotation, then the origin.
+    points, faces, middle : ndarray, shapes (n, 3), (f, 4) and (3,)
+        Receive them in their first places.
+    """
+    for c in range(3):
+        middle[c] = middle_of(places, cores, s, c)
+    for i in range(cores.first_point[s + 1] - cores.first_point[s]):
+        place_point(places, cores, s, i, points)
+    for i in range(cores.first_face[s + 1] - cores.first_face[s]):
+        place_face(places, cores, s, i, faces)
+
+
+@kernel("f8(CoresAtMesh, i8)")
+def lever_of(at: CoresAtMesh, s: int) -> float:
+    """Return the radius of a ball about the middle of core s that holds all that it may touch [m]."""
+    return at.cores.sizes[s, 5] + max(at.reach[s], at.cores.sizes[s, 4]) + at.skin[s]
+
+
+@kernel("f8(CoresAtMesh, f8[:,::1], f8[:,:,::1], i8)")
+def travel_from(at: CoresAtMesh, before: Array, places: Array, s: int) -> float:
+    """Return a bound of how far any point near core s has moved with it [m].
+
+    `before`, shape (4, 3), has the columns of its rotation and its middle where it was.
+    """
+    f, turned, moved = at.cores.frame[s], 0.0, 0.0
+    for c in range(3):
+        moved += (middle_of(places, at.cores, s, c) - before[3, c]) ** 2
+        for k in range(3):
+            turned += (places[f, k, c] - before[k, c]) ** 2
+    # a rotation moves no unit vector farther than its Frobenius norm divided by the root of 2
+    return np.sqrt(moved) + np.sqrt(0.5 * turned) * lever_of(at, s)
+
+
+@kernel("f8(CoresAtMesh, f8[:,:,::1], i8)")
+def free_way(at: CoresAtMesh, places: Array, s: int) -> float:
+    """Return a lower bound of how far core s may move until it can touch the mesh [m]; not above 0 where it is near."""
+    if at.counts[s, 0] > 0 or at.slack[s] <= at.skin[s]:
+        return 0.0
+    return at.slack[s] - travel_from(at, at.place[s], places, s)
+
+
+@kernel("void(CoresAtMesh, i8, i8)")
+def list_used(at: CoresAtMesh, s: int, count: int) -> None:
+    """List the vertices and faces of core s that its features have."""
+    cores, marks, first, face = at.cores, at.marks, at.cores.first_point[s], at.cores.first_face[s]
+    points, faces = cores.first_point[s + 1] - first, cores.first_face[s + 1] - face
+    for i in range(max(points, faces)):
+        marks[0, i] = marks[1, i] = False
+    for n in range(count):
+        k, e = at.features[s, n, 1], at.features[s, n, 2]
+        if k == ON_RIM:
+            continue
+        if k == ON_IT:
+            marks[0, e] = True
+        elif k < PEAK or cores.sizes[s, 3] > 0.0:
+            # a segment is its only edge
+            edge = e if k < PEAK else cores.first_edge[s]
+            for i in range(2):
+                marks[0, cores.edges[edge, i] - first] = True
+                if cores.edges[edge, 2] >= 0:
+                    marks[1, cores.edges[edge, 2 + i] - face] = True
+        else:
+            marks[1, e] = True
+            for i in range(cores.first_side[face + e], cores.first_side[face + e + 1]):
+                marks[0, cores.sides[i, 0] - first] = marks[0, cores.sides[i, 1] - first] = True
+                marks[1, cores.sides[i, 2] - face] = True
+    at.counts[s, 0], at.counts[s, 1], at.counts[s, 2] = count, 0, 0
+    for i in range(points):
+        if marks[0, i]:
+            at.used_points[first + at.counts[s, 1]] = i
+            at.counts[s, 1] += 1
+    for i in range(faces):
+        if marks[1, i]:
+            at.used_faces[face + at.counts[s, 2]] = i
+            at.counts[s, 2] += 1
