@@ -17,6 +17,7 @@ from ...geometry.shapes.shapes import PlacedShape
 from ...system import System
 from ..family import ConstraintFamily
 from ..mechanism.meshes import BallsAtMesh
+from ..rebuilt import Rebuilt
 from ..rows import Array, Rows
 from .pairs import Contacts
 
@@ -28,7 +29,7 @@ _DEEPEST = 0.5
 _MOST_DENSE = 200_000
 
 
-class SurfaceContacts(ConstraintFamily):
+class SurfaceContacts(Rebuilt, ConstraintFamily):
     """A mesh of the world, the first body of every pair, against shapes, the second bodies; constraint i is shape i.
 
     Parameters
