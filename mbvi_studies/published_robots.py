@@ -38,6 +38,15 @@ PUBLISHED = {
 }
 
 
+def robot_file(name: str) -> Path:
+    """Return the URDF of a key of `PUBLISHED`; raise `InputError` if example-robot-data is not installed."""
+    file = _FOLDER / PUBLISHED[name].file
+    if not file.is_file():
+        title = PUBLISHED[name].title
+        raise InputError(f"{title} comes with example-robot-data, which is not installed: pip install mbvi[test]")
+    return file
+
+
 def published_robot(
     name: str,
     height: float,
@@ -63,10 +72,7 @@ def published_robot(
     InputError
         If example-robot-data is not installed.
     """
-    robot = PUBLISHED[name]
-    file = _FOLDER / robot.file
-    if not file.is_file():
-        raise InputError(f"{robot.title} comes with example-robot-data, which is not installed: pip install mbvi[test]")
+    robot, file = PUBLISHED[name], robot_file(name)
     scene = Scene(restitution=restitution)
     scene.add_halfspace((0.0, 0.0, 1.0), name="floor")
     place, base = (0.0, 0.0, _LIFTED if robot.free else 0.0), "free" if robot.free else "fixed"

@@ -17,6 +17,7 @@ from mbvi.arguments import Array
 from mbvi.errors import InputError
 from mbvi.geometry.shapes.shapes import Box, Capsule, Cylinder, Ellipsoid, Hull, PlacedShape, Sphere
 from mbvi.problem import BuiltScene, Problem
+from mbvi.scene.items import SurfaceItem
 from mbvi.system import ArticulatedSystem
 from mbvi.system.mechanisms.articulated import Control
 
@@ -27,14 +28,14 @@ _TIME = 0.02
 
 
 class MuJoCoRobot:
-    """One robot, its half-spaces, start and constant torques in MuJoCo; Euler, the default solver.
+    """One robot, its half-spaces and height fields, start and constant torques in MuJoCo; Euler, the default solver.
 
     With friction its cone is the elliptic one.
 
     Parameters
     ----------
     problem : Problem
-        A scene of one robot and half-spaces.
+        A scene of one robot, half-spaces and height fields.
     torque : ndarray, shape (nv,)
         What pushes the joints at all times [N, N m]; nothing pushes a free base.
     step : float
@@ -153,6 +154,8 @@ class MuJoCoRobot:
             turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), up).matrix()
             plane = mujoco.mjtGeom.mjGEOM_PLANE
             spec.worldbody.add_geom(type=plane, size=[0, 0, 1], pos=wall.offset * up, quat=_quaternion(turn))
+        for item in scene.items.surfaces:
+            _add_field(spec, item)
         _leave_out(spec, bodies, scene, self._source)
         if scene.items.pair_friction:
             raise InputError("the contacts must have one coefficient of friction")
@@ -163,6 +166,15 @@ class MuJoCoRobot:
         for geom in spec.geoms:
             geom.solref = _TIME, _damping_ratio(float(problem.restitution.max()))
         return spec.compile()
+
+    def deepest(self, count: int) -> float:
+        """Return the greatest depth of a contact in `count` steps [m]."""
+        self._reset()
+        depth = 0.0
+        for _ in range(count):
+            mujoco.mj_step(self.model, self.data)
+            depth = max(depth, -float(self.data.contact.dist.min(initial=0.0)))
+        return depth
 
     def _add_body(self, bodies: list, world: Any, joint: int) -> Any:
         """Add the body that one of Pinocchio's joints carries."""
@@ -225,6 +237,22 @@ class MuJoCoRobot:
             off = np.abs(a - b).max() / max(np.abs(b).max(), 1e-300)
             if off > _AGREEMENT:
                 raise RuntimeError(f"{source.name}: MuJoCo's {what} differs by {off:.1e} of its largest entry")
+
+
+def _add_field(spec: Any, item: SurfaceItem) -> None:
+    """Add a height field, which MuJoCo divides into the same triangles."""
+    if item.heights is None or item.size is None or item.motion is not None:
+        raise InputError(f"{item.name} must be a height field at rest")
+    low, high = float(item.heights.min()), float(item.heights.max())
+    rows, columns = item.heights.shape
+    half, spread = [0.5 * length for length in item.size], max(high - low, 1e-9)
+    spec.add_hfield(
+        name=item.name, size=[*half, spread, 0.1], nrow=rows, ncol=columns,
+        userdata=((item.heights - low) / spread).ravel(),
+    )  # fmt: skip
+    place = item.position + low * item.rotation[:, 2]
+    kind = mujoco.mjtGeom.mjGEOM_HFIELD
+    spec.worldbody.add_geom(type=kind, hfieldname=item.name, pos=place, quat=_quaternion(item.rotation))
 
 
 def _add_geom(spec: Any, body: Any, placed: PlacedShape) -> None:

@@ -34,3 +34,23 @@ def test_contacts_of_several_coefficients_are_refused():
     problem = scene.build()
     with pytest.raises(mbvi.InputError, match="one coefficient"):
         MuJoCoRobot(problem, np.zeros(problem.system.nv), 1e-3)
+
+
+def test_a_height_field_has_the_heights_of_the_scene():
+    scene, heights = mbvi.Scene(), 0.1 * np.random.default_rng(3).random((5, 4)) - 0.2
+    scene.add_heightfield(heights, size=(3.0, 2.0), position=(0.5, 0, 0.3), name="field")
+    scene.add_urdf(ROBOTS / "quadruped/quadruped.urdf", position=(0, 0, 0.6))
+    peer = MuJoCoRobot(scene.build(), np.zeros(18), 1e-3)
+    geom = peer.model.geom_dataid.tolist().index(0)
+    place, size = peer.model.geom_pos[geom], peer.model.hfield_size[0]
+    np.testing.assert_allclose(place[2] + size[2] * peer.model.hfield_data.reshape(5, 4), heights + 0.3, atol=1e-7)
+    np.testing.assert_allclose([*place[:2], *size[:2]], [0.5, 0, 1.5, 1.0])
+    assert 0.0 < peer.deepest(400) < 0.05
+
+
+def test_a_mesh_that_is_no_height_field_is_refused():
+    scene = mbvi.Scene()
+    scene.add_surface([(-1, -1, 0), (1, -1, 0), (0, 1, 0)], [[0, 1, 2]], one_sided=True, name="sheet")
+    scene.add_urdf(ROBOTS / "quadruped/quadruped.urdf", position=(0, 0, 0.6))
+    with pytest.raises(mbvi.InputError, match="sheet must be a height field at rest"):
+        MuJoCoRobot(scene.build(), np.zeros(18), 1e-3)

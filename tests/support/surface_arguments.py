@@ -336,13 +336,13 @@ def meets_box(rng):
 def over_face(rng):
     scene = sharp(rng)
     f, x = int(rng.integers(4)), scene.points[:3].mean(axis=0) + 0.1 * unit(rng)
-    return scene.cores, *scene.core[2:], f, *x
+    return scene.cores, *scene.core[2:], f, *x, float(rng.choice([0.05, np.inf]))
 
 
 def nearer(rng):
     scene = Scene(rng)
     given = scene.mesh, scene.cores, scene.s, scene.triangle(), scene.points, scene.faces
-    return *given, float(rng.choice([0.1, np.inf])), np.zeros(6), np.zeros(12)
+    return *given, float(rng.choice([0.1, np.inf])), np.zeros(6), np.zeros(12), np.zeros(8)
 
 
 def far(rng):

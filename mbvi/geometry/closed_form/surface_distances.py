@@ -17,15 +17,15 @@ from .surface_features import above, crossing, from_segment
 _DEEPEST = 64
 
 
-@kernel("f8(Cores, i8, i8, f8[:,::1], f8[:,::1], i8, f8, f8, f8)")
+@kernel("f8(Cores, i8, i8, f8[:,::1], f8[:,::1], i8, f8, f8, f8, f8)")
 def height_over_face(
     cores: Cores, first_point: int, first_face: int, points: Array, faces: Array, face: int, x: float, y: float,
-    z: float,
+    z: float, most: float,
 ) -> float:  # fmt: skip
-    """Return the height of a point over a face of a core; -1 if its foot is not in the face or it is not outside."""
+    """Return the height of a point over a face of a core, if it is below `most` and its foot in the face; else -1."""
     p, q, r = faces[face, 0], faces[face, 1], faces[face, 2]
     height = p * x + q * y + r * z - faces[face, 3]
-    if height < 0.0:
+    if height < 0.0 or height >= most:
         return -1.0
     for i in range(cores.first_side[first_face + face], cores.first_side[first_face + face + 1]):
         a, b = cores.sides[i, 0] - first_point, cores.sides[i, 1] - first_point
@@ -48,10 +48,11 @@ def is_far(points: Array, a: int, b: int, vertices: Array, triangles: Array, t: 
     return False
 
 
-@kernel("f8(Creases, Cores, i8, i8, f8[:,::1], f8[:,::1], f8, f8[::1], f8[::1])")
+@kernel("f8(Creases, Cores, i8, i8, f8[:,::1], f8[:,::1], f8, f8[::1], f8[::1], f8[::1])")
 def nearer(
-    mesh: Creases, cores: Cores, s: int, t: int, points: Array, faces: Array, best: float, found: Array, out: Array
-) -> float:
+    mesh: Creases, cores: Cores, s: int, t: int, points: Array, faces: Array, best: float, found: Array, out: Array,
+    heights: Array,
+) -> float:  # fmt: skip
     """Return the distance of core s from triangle t if it is below `best`, else `best`; write where that is.
 
     Parameters
@@ -62,17 +63,18 @@ def nearer(
         The least distance so far [m].
     found : ndarray, shape (6,)
         Receives the nearest point of the core, and the unit vector to it from that of the triangle.
-    out : ndarray, shape (12,)
-        Scratch.
+    out, heights : ndarray, shapes (12,) and (n,)
+        Scratch; the heights of vertices above the triangle's plane, than which they are no nearer to it.
     """
     first, face, corners, x = cores.first_point[s], cores.first_face[s], mesh.triangles, mesh.vertices
     number, lowest = cores.first_point[s + 1] - first, np.inf
     for i in range(number):
-        lowest = min(lowest, above(mesh.planes, t, 0, points[i, 0], points[i, 1], points[i, 2]))
+        heights[i] = above(mesh.planes, t, 0, points[i, 0], points[i, 1], points[i, 2])
+        lowest = min(lowest, heights[i])
     if lowest >= best:
         return best
     for i in range(number):
-        if is_far(points, i, i, x, corners, t, best):
+        if heights[i] >= best or is_far(points, i, i, x, corners, t, best):
             continue
         _, far = nearest_on_triangle(x, corners, t, points, i, out)
         if 0.0 < far < best:
@@ -81,7 +83,7 @@ def nearer(
                 found[c], found[3 + c] = points[i, c], (points[i, c] - out[c]) / far
     for e in range(cores.first_edge[s], cores.first_edge[s + 1]):
         a, b = cores.edges[e, 0] - first, cores.edges[e, 1] - first
-        if is_far(points, a, b, x, corners, t, best):
+        if min(heights[a], heights[b]) >= best or is_far(points, a, b, x, corners, t, best):
             continue
         for k in range(3):
             c, d = corners[t, k], corners[t, (k + 1) % 3]
@@ -97,7 +99,7 @@ def nearer(
     for f in range(cores.first_face[s + 1] - face):
         for k in range(3):
             c = corners[t, k]
-            far = height_over_face(cores, first, face, points, faces, f, x[c, 0], x[c, 1], x[c, 2])
+            far = height_over_face(cores, first, face, points, faces, f, x[c, 0], x[c, 1], x[c, 2], best)
             if 0.0 < far < best:
                 best = far
                 for i in range(3):
@@ -119,7 +121,7 @@ def surface_distances(
         Receive, of each of them, the distance, the core's nearest point, and the unit vector to it from the mesh.
     """
     mesh, table, stack, found = at.mesh, at.cores, np.empty(_DEEPEST, np.int64), np.empty(6)
-    points, faces, out = at.points, at.faces, at.out
+    points, faces, out, heights = at.points, at.faces, at.out, np.empty(len(at.points))
     low, high, middle, leaves = np.empty(3), np.empty(3), np.empty(3), len(mesh.boxes) // 2
     for n in range(len(some)):
         s = some[n]
@@ -148,7 +150,7 @@ def surface_distances(
             for j in range(begin, min(begin + FEW, len(mesh.order))):
                 t = mesh.order[j]
                 if above(mesh.planes, t, 0, middle[0], middle[1], middle[2]) > 0.0:
-                    best = nearer(mesh, table, s, t, points, faces, best, found, out)
+                    best = nearer(mesh, table, s, t, points, faces, best, found, out, heights)
         distance[n] = best - radius
         for c in range(3):
             point[n, c], normal[n, c] = found[c] - radius * found[3 + c], found[3 + c]
