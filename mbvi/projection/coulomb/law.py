@@ -6,11 +6,11 @@ import numpy as np
 
 from ...compiled import kernel
 from ..metric import Array
-from .carried import diagonal_blocks, list_columns, solve_carried
 from .few_contacts import MOST_CONTACTS, couples_weakly, independent_rows, solve_coulomb
 from .newton import OPEN, STICK, find_cases, resume_newton, tangential_scale
 from .one_contact import closing_order, coulomb_defect, sweep_contacts
 from .quick import MOST_NEWTON, quick_coulomb
+from .sticking.carried import diagonal_blocks, list_columns, solve_carried
 
 # what is known of the last problem: nothing, its percussions where they were unique, else those of compliant contacts
 NOTHING, UNIQUE, COMPLIANT = 0, 1, 2

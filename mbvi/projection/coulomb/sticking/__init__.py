@@ -1,0 +1,1 @@
+"""Coulomb's law where contacts that stick are eliminated."""
