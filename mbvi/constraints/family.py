@@ -266,13 +266,6 @@ class ConstraintFamily(ABC):
         nowhere = np.full((len(rows), 3), np.nan)
         return nowhere, nowhere
 
-    def body_points(self, rows: Array) -> Array:
-        """Return of rows that are heights of points of bodies above planes, shape (k, 7): body, its point, the normal.
-
-        Points are in frames of bodies, NaN for other rows; a row whose gradient is constant has the body 0.
-        """
-        return np.full((len(rows), 7), np.nan)
-
     def bearing(self, t: float, q: Array, rows: Array) -> Array:
         """Return of some rows that touch, ascending, which bear the load of all, shape (k,) of bool; by default all."""
         return np.ones(len(rows), bool)

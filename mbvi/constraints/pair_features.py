@@ -183,10 +183,6 @@ class FeatureRows:
         at = self._at(q, rows)
         return at.point, at.normal
 
-    def body_points(self, rows: Array) -> Array:
-        """Return NaN, shape (k, 7), as `ConstraintFamily.body_points` of other rows."""
-        return np.full((len(rows), 7), np.nan)
-
     def bearing(self, t: float, q: Array, rows: Array) -> Array:
         """Return True for each row: of a face on a face few corners were found."""
         return np.ones(len(rows), bool)

@@ -290,12 +290,6 @@ class HalfSpaceContacts(Pairs):
         bias = self.system.point_bias(q, v, self._second_body[self.owner[points]], numbers[:, :3].copy())
         return np.where(numbers[:, 3:12].any(axis=1), np.nan, np.vecdot(bias, numbers[:, 12:15]))
 
-    def body_points(self, points: Array) -> Array:
-        """Return body, point and normal, shape (k, 7); NaN for points on rims and ellipsoids."""
-        body, numbers = self._second_body[self.owner[points]], self._table.numbers[points]
-        moves = numbers[:, 3:12].any(axis=1)
-        return np.column_stack([body, np.where(moves[:, None], np.nan, numbers[:, :3]), numbers[:, 12:15]])
-
     def row_parts(self, rows: Array) -> RowParts:
         """Return what some points are, for kernels: vertices on a face of the world, or centres of spheres.
 

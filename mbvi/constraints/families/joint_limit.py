@@ -139,10 +139,6 @@ class JointLimits(Rebuilt, ConstraintFamily):
         """Return (dJ/dt) v of some limits, which is zero."""
         return np.zeros(len(rows))
 
-    def body_points(self, rows: Array) -> Array:
-        """Return zeros, shape (k, 7): gradients are constant."""
-        return np.zeros((len(rows), 7))
-
     def row_parts(self, rows: Array) -> RowParts:
         """Return what some limits are, for kernels."""
         parts = np.zeros((len(rows), 2, 2, 3))

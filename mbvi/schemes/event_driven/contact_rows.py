@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from ...constraints import AdmissibleSet, ConstraintFamily, RowTable
-from ...constraints.mechanism.held_rows import RowParts, unknown_parts
+from ...constraints.feature_kernels import FACE_VERTEX
+from ...constraints.mechanism.held_rows import LIMIT, RowParts, unknown_parts
 from ...constraints.pair_features import FeatureRows
 from ...constraints.rows import Array, Rows
 from ...constraints.tangents import Tangents
@@ -216,8 +217,15 @@ class SmoothRows:
             family.check_rows(t, q, rows)
 
     def body_points(self, index: Array) -> Array:
-        """Return `ConstraintFamily.body_points` of some rows in ascending order, shape (k, 7)."""
-        return self._each(index, lambda family, rows: family.body_points(rows), np.zeros((0, 7)))
+        """Return of rows that are heights of points of bodies above fixed planes, shape (k, 7): body, point, normal.
+
+        The rows ascend. Points are in frames of bodies, NaN for other rows; a limit of a joint has the body 0.
+        """
+        kind, sides, parts = self.parts(index)
+        table = np.column_stack([sides[:, 1], parts[:, 1, 0], parts[:, 0, 1]])
+        table[(kind != FACE_VERTEX) | (sides[:, 0] != 0)] = np.nan
+        table[kind == LIMIT] = 0.0
+        return table
 
     def points(self, t: float, q: Array, index: Array) -> tuple[Array, Array]:
         """Return contact points and normals of some rows, shapes (k, 3); NaN where a row is no contact."""
