@@ -19,6 +19,8 @@ from .loop_record import LoopRecord
 
 # configurations at which a pair is measured along a displacement
 _MOST_MEASURED = 40
+# most that all coordinates together move in a step whose ways are bounded by their chords [rad, m]
+_MOST_TURNED = 1.0
 
 
 @kernel("f8(MechanismConstraints, i8)")
@@ -88,9 +90,13 @@ def may_enter(s: MechanismStep, log: LoopRecord, column: int, q: Array, v: Array
     # most are far from the mesh, or move less than the bound of their travel
     if is_clear_of_mesh(s.mechanism, shapes, s.constraints.cache.q, member, far):
         return False
-    moved, middle = log.tangents[1], log.places[0]
+    moved, middle, turned = log.tangents[1], log.places[0], 0.0
     for k in range(len(v)):
         moved[k] = log.jump * h * v[k]
+        turned += abs(h * v[k])
+    # along such an arc a way is longer than its chord by more than `may_enter_mesh` knows
+    if not turned < _MOST_TURNED:
+        return True
     retract(s.mechanism.calls, q, moved, middle)
     if log.jump > 0.0 and may_enter_mesh(s.mechanism, shapes, member, q, middle, DEEP * thickness):
         return True
