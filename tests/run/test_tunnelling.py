@@ -6,6 +6,7 @@ import pytest
 import mbvi
 from mbvi.constraints.families.signed_distance import SignedDistances
 from mbvi.geometry.broad.sweep import may_pass
+from support.paths import DATA
 
 SCHEMES = [
     mbvi.Paoli(),
@@ -53,6 +54,21 @@ def test_a_box_that_spins_fast_clatters_on_a_plate_and_stays_on_its_side(scheme)
     run = mbvi.simulate(scene.build(), scheme, step=1e-2, duration=0.05)
     assert run.q[:, 2].min() > 0.0
     assert run.v[-1, 2] > 0.0
+
+
+@pytest.mark.parametrize("scheme", [mbvi.Paoli(), mbvi.Centered(project_positions=True)], ids=str)
+@pytest.mark.parametrize("speed", [8.0, 50.0])
+def test_a_robot_of_hulls_falls_through_no_field_in_the_loop(scheme, speed, loops):
+    scene = mbvi.Scene(friction=0.3)
+    scene.add_heightfield(0.05 * np.random.default_rng(3).random((24, 24)), (2.4, 2.4))
+    scene.add_urdf(DATA / "brick.urdf", "free", (0.1, 0.05, 0.4), base_velocity=(0.5, 0, -speed, 1, 2, 0))
+    problem, h, duration = scene.build(), 2e-3, 0.06
+    run = mbvi.simulate(problem, scheme, step=h, duration=duration, progress=False)
+    assert loops[0] is not None
+    assert run.q[:, 2].min() > 0.0
+    # the guard of the Python step follows every swift step
+    last = next(state for state in mbvi.steps(problem, scheme, step=h) if state.t > duration - 0.5 * h)
+    np.testing.assert_allclose(run.q[-1], last.q, rtol=0, atol=1e-9)
 
 
 def test_links_that_are_not_watched_on_a_way_do_not_meet_on_it(rng):

@@ -539,9 +539,9 @@ def may_enter(rng, seed):
     return s, log, int(rng.choice(columns)), q, float(rng.choice([1.0, 3.0])) * v, h
 
 
-def may_enter_mesh(rng, seed):
-    s, _, q, *_ = _above_rubble(seed)
-    return s.mechanism, s.constraints.at_mesh, int(rng.integers(2)), q, s.q, float(rng.choice([1e-5, 1e-2]))
+def may_get_deep(rng, seed):
+    s, log, q, v, h = _above_rubble(seed)
+    return s, log, int(rng.integers(2)), q, float(rng.choice([1.0, 3.0])) * h * v, float(rng.choice([1e-4, 1e-2]))
 
 
 LOOP_ARGUMENTS = {
@@ -549,7 +549,7 @@ LOOP_ARGUMENTS = {
     "touching_shapes": touching_shapes,
     "touching_spheres": touching_spheres,
     "is_clear_of_mesh": lambda rng, seed: (*touching_shapes(rng, seed)[:3], int(rng.integers(2)), rng.random()),
-    "may_enter_mesh": may_enter_mesh,
+    "may_get_deep": may_get_deep,
     "may_enter": may_enter,
     **{name: _within_a_run(name) for name in CALLS},
     "may_pass": may_pass,

@@ -388,6 +388,7 @@ SURFACE_ARGUMENTS = {
     "place_face": lambda rng: (*of_core(rng), 1, np.zeros((6, 4))),
     "lever_of": lambda rng: (Scene(rng).listed()[0], 1),
     "travel_from": travel_from,
+    "write_place": lambda rng: (Scene(rng).at(), Scene(rng).places, 1, np.zeros((4, 3))),
     "free_way": free_way,
     "may_cross": may_cross,
     "meets_box": meets_box,

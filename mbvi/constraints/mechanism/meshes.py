@@ -4,19 +4,14 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-
 from ...compiled import kernel, record
-from ...geometry.closed_form.cores_at_mesh import CoresAtMesh, free_way, middle_of, travel_from
+from ...geometry.closed_form.cores_at_mesh import CoresAtMesh, free_way
 from ...geometry.closed_form.mesh_contacts import mesh_contacts
-from ...geometry.closed_form.surface_rows import lowest_gap, surface_contacts
+from ...geometry.closed_form.surface_rows import surface_contacts
 from ...system.mechanisms.mechanism import Mechanism, place
 from ..rows import Array
 from .pairs import append_contact
 from .tables import FOUND, MOST_ROWS, TOO_MANY, UNRESOLVED, PairFamily, RowBuffer
-
-# how much longer a way may be than the distance of its ends: an arc of 1 rad is longer than its chord by 4.3 %
-_CURVED = 1.1
 
 
 @record("CoresAtMesh, PairFamily, i8[::1], f8[:,:,::1]")
@@ -140,28 +135,3 @@ def is_clear_of_mesh(mechanism: Mechanism, shapes: ShapesAtMesh, q: Array, s: in
     place(mechanism, q)
     place_at_mesh(mechanism, shapes)
     return free_way(shapes.at, shapes.places, s) > distance
-
-
-@kernel("b1(Mechanism, ShapesAtMesh, i8, f8[::1], f8[::1], f8)")
-def may_enter_mesh(mechanism: Mechanism, shapes: ShapesAtMesh, s: int, q: Array, end: Array, depth: float) -> bool:
-    """Return whether shape s may get deeper into a mesh by a depth [m], or touch it and get so deep, from q to `end`.
-
-    A gap falls and rises by no more than the shape moves.
-    """
-    at, before = shapes.at, np.empty((4, 3))
-    place(mechanism, q)
-    place_at_mesh(mechanism, shapes)
-    first, f = shapes.places.copy(), at.cores.frame[s]
-    for c in range(3):
-        before[3, c] = middle_of(first, at.cores, s, c)
-        for k in range(3):
-            before[k, c] = first[f, k, c]
-    place(mechanism, end)
-    place_at_mesh(mechanism, shapes)
-    travel = _CURVED * travel_from(at, before, shapes.places, s)
-    start = lowest_gap(at, first, s, travel)
-    if start == np.inf:
-        return False
-    lowest = 0.5 * (start + min(lowest_gap(at, shapes.places, s, 0.0), 0.0) - travel)
-    # written so that a NaN counts as sunk
-    return not lowest >= min(start, 0.0) - depth

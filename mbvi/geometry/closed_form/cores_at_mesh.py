@@ -137,6 +137,16 @@ def lever_of(at: CoresAtMesh, s: int) -> float:
     return at.cores.sizes[s, 5] + max(at.reach[s], at.cores.sizes[s, 4]) + at.skin[s]
 
 
+@kernel("void(CoresAtMesh, f8[:,:,::1], i8, f8[:,::1])")
+def write_place(at: CoresAtMesh, places: Array, s: int, out: Array) -> None:
+    """Write the columns of the rotation of core s and its middle, shape (4, 3)."""
+    f = at.cores.frame[s]
+    for c in range(3):
+        out[3, c] = middle_of(places, at.cores, s, c)
+        for k in range(3):
+            out[k, c] = places[f, k, c]
+
+
 @kernel("f8(CoresAtMesh, f8[:,::1], f8[:,:,::1], i8)")
 def travel_from(at: CoresAtMesh, before: Array, places: Array, s: int) -> float:
     """Return a bound of how far any point near core s has moved with it [m].

@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from ...compiled import kernel
-from ...constraints.mechanism.meshes import is_clear_of_mesh, may_enter_mesh
+from ...constraints.mechanism.meshes import is_clear_of_mesh, place_at_mesh
 from ...constraints.mechanism.pairs import distance_of, is_beyond, place_bodies
 from ...constraints.mechanism.rows import MechanismConstraints
 from ...constraints.mechanism.tables import PAIRS, SHAPES_AT_MESH
+from ...geometry.closed_form.cores_at_mesh import travel_from, write_place
+from ...geometry.closed_form.surface_rows import lowest_gap
 from ...schemes.kernels.records import MechanismStep
 from ...system.mechanisms.mechanism import place
 from ...system.mechanisms.pinocchio_address import retract, tangent
@@ -21,6 +23,10 @@ from .loop_record import LoopRecord
 _MOST_MEASURED = 40
 # most that all coordinates together move in a step whose ways are bounded by their chords [rad, m]
 _MOST_TURNED = 1.0
+# how much longer a way may be than its chord: an arc of 1 rad is by 4.3 %
+_CURVED = 1.1
+# parts of a way along which a shape may be followed at a mesh
+_MOST_PARTS = 64
 
 
 @kernel("f8(MechanismConstraints, i8)")
@@ -83,24 +89,66 @@ def may_touch(s: MechanismStep, log: LoopRecord, column: int, q: Array, displace
 
 
 @kernel("b1(MechanismStep, LoopRecord, i8, f8[::1], f8[::1], f8)")
+def may_get_deep(s: MechanismStep, log: LoopRecord, member: int, q: Array, displacement: Array, depth: float) -> bool:
+    """Return whether a shape may get deeper into a mesh by a depth [m], or touch it and get so deep, on its way.
+
+    A gap falls and rises by no more than the shape moves: with those at both ends of a part of the way it is bounded.
+    """
+    shapes, drift, there, before = s.constraints.at_mesh, log.tangents[2], log.places[1], np.empty((4, 3))
+    at = shapes.at
+    place(s.mechanism, q)
+    place_at_mesh(s.mechanism, shapes)
+    write_place(at, shapes.places, member, before)
+    first = shapes.places.copy()
+    retract(s.mechanism.calls, q, displacement, there)
+    place(s.mechanism, there)
+    place_at_mesh(s.mechanism, shapes)
+    travel = _CURVED * travel_from(at, before, shapes.places, member)
+    gap = lowest_gap(at, first, member, travel)
+    level = min(gap, 0.0) - depth
+    if gap - travel >= level:
+        return False
+    # written so that a NaN counts as sunk
+    if not 2.0 * travel < _MOST_PARTS * depth:
+        return True
+    parts = 1 + int(2.0 * travel / depth)
+    for part in range(1, parts + 1):
+        for k in range(len(displacement)):
+            drift[k] = displacement[k] * part / parts
+        retract(s.mechanism.calls, q, drift, there)
+        place(s.mechanism, there)
+        place_at_mesh(s.mechanism, shapes)
+        way = _CURVED * travel_from(at, before, shapes.places, member)
+        end = min(lowest_gap(at, shapes.places, member, way), way)
+        if not 0.5 * (gap + end - way) >= level:
+            return True
+        gap = end
+        write_place(at, shapes.places, member, before)
+    return False
+
+
+@kernel("b1(MechanismStep, LoopRecord, i8, f8[::1], f8[::1], f8)")
 def may_enter(s: MechanismStep, log: LoopRecord, column: int, q: Array, v: Array, h: float) -> bool:
     """Return whether a shape may get deep into a mesh in a step, from q, v; `column` is that of `may_touch`."""
-    shapes, member, thickness = s.constraints.at_mesh, log.member[column], log.thickness[column]
-    far = 2.0 * log.travel[column] * thickness
+    member, thickness, turned = log.member[column], log.thickness[column], 0.0
     # most are far from the mesh, or move less than the bound of their travel
-    if is_clear_of_mesh(s.mechanism, shapes, s.constraints.cache.q, member, far):
+    far = 2.0 * log.travel[column] * thickness
+    if is_clear_of_mesh(s.mechanism, s.constraints.at_mesh, s.constraints.cache.q, member, far):
         return False
-    moved, middle, turned = log.tangents[1], log.places[0], 0.0
+    moved, middle = log.tangents[1], log.places[0]
     for k in range(len(v)):
         moved[k] = log.jump * h * v[k]
         turned += abs(h * v[k])
-    # along such an arc a way is longer than its chord by more than `may_enter_mesh` knows
+    # along such arcs ways are longer than their chords by more than `_CURVED`
     if not turned < _MOST_TURNED:
         return True
-    retract(s.mechanism.calls, q, moved, middle)
-    if log.jump > 0.0 and may_enter_mesh(s.mechanism, shapes, member, q, middle, DEEP * thickness):
+    if log.jump > 0.0 and may_get_deep(s, log, member, q, moved, DEEP * thickness):
         return True
-    return log.jump < 1.0 and may_enter_mesh(s.mechanism, shapes, member, middle, s.q, DEEP * thickness)
+    if log.jump == 1.0:
+        return False
+    retract(s.mechanism.calls, q, moved, middle)
+    tangent(s.mechanism.calls, middle, s.q, moved)
+    return may_get_deep(s, log, member, middle, moved, DEEP * thickness)
 
 
 @kernel("void(f8[:,::1], f8[::1], f8[::1])")

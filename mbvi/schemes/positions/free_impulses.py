@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...compiled import plain_array
 from ...constraints import Rows
 from ...problem import Problem
 from ...projection import FreeMotion, TreeFreeMotion
@@ -54,7 +55,8 @@ def with_momentum(bodies: FreeBodyTable, step: Step, place: Array, before: Array
     if not len(bodies.q):
         return step
     q, v = step.q.copy(), step.v.copy()
-    keep_momentum(bodies, *sparse_parts(step.active.jacobian), before, w, place, q, v)
+    rows = sparse_parts(step.active.jacobian)
+    keep_momentum(bodies, *rows, plain_array(before), plain_array(w), plain_array(place), q, v)
     rates, slip = step.rates.copy(), step.slip
     rates[2] = step.active.speeds(v)
     if slip is not None and step.active.tangents is not None:
