@@ -243,10 +243,11 @@ def keep_momentum(
 ) -> None:  # fmt: skip
     """Give free bodies after a displacement the momentum that they had before, and that of impulses at its contacts.
 
-    Each body keeps its angular momentum about its centre, which the displacement would turn with its axes. A group of
-    bodies that touch each other and nothing else keeps its angular momentum as a whole: what the displacement changed
-    is removed by a rotation of the group about its centre, which changes no rate of a gap within it and is the least
-    change of velocities in the kinetic metric.
+    A group of bodies that touch each other and nothing else keeps its angular momentum. Each of its bodies keeps its own
+    about its centre, which the displacement would turn with its axes. What the displacement changed is removed by a
+    rotation of the group about its centre, which changes no rate of a gap within it and is the least change of
+    velocities in the kinetic metric. Bodies that touch something else keep their velocities, and with these their
+    kinetic energy: a turned body cannot keep both.
 
     Parameters
     ----------
@@ -270,7 +271,7 @@ def keep_momentum(
     write_groups(bodies, data, columns, starts, place, group, loose)
     for b in range(n):
         spin = np.zeros(3)
-        if bodies.turns[b]:
+        if bodies.turns[b] and loose[group[b]]:
             add_spin(bodies, b, before, w, 1.0, spin)
             add_spin(bodies, b, place, v, 1.0, spin)
             add_spin(bodies, b, place, w, -1.0, spin)
