@@ -36,8 +36,7 @@ TEXT = f"""
     python benchmarks/terrain.py --write    # measures, and writes this section
 
 Robots fall onto a height field of 64 x 64 random stones, up to {100 * STONES:.0f} cm high, on {SIDE:.0f} m x {SIDE:.0f} m: mu = {FRICTION}, e = 0, h = 1 ms,
-{DURATION} s. MuJoCo has the same heights. Medians of {{repeats}} repeats in turns. The light legs of Solo12 swing at up to 16 m/s:
-the tunnelling guard follows their steps in Python.
+{DURATION} s. MuJoCo has the same heights. Medians of {{repeats}} repeats in turns. The light legs of Solo12 swing at up to 16 m/s.
 
 """  # noqa: E501
 

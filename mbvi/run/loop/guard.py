@@ -93,6 +93,7 @@ def may_get_deep(s: MechanismStep, log: LoopRecord, member: int, q: Array, displ
     """Return whether a shape may get deeper into a mesh by a depth [m], or touch it and get so deep, on its way.
 
     A gap falls and rises by no more than the shape moves: with those at both ends of a part of the way it is bounded.
+    A vertex over a ridge has no row until it touches: parts are so short that it is found before it is deep.
     """
     shapes, drift, there, before = s.constraints.at_mesh, log.tangents[2], log.places[1], np.empty((4, 3))
     at = shapes.at
@@ -105,13 +106,15 @@ def may_get_deep(s: MechanismStep, log: LoopRecord, member: int, q: Array, displ
     place_at_mesh(s.mechanism, shapes)
     travel = _CURVED * travel_from(at, before, shapes.places, member)
     gap = lowest_gap(at, first, member, travel)
-    level = min(gap, 0.0) - depth
-    if gap - travel >= level:
+    # no feature of the mesh is within its travel
+    if at.slack[member] >= 0.0 and at.counts[member, 0] == 0:
         return False
+    gap = min(gap, travel)
+    level = min(gap, 0.0) - depth
     # written so that a NaN counts as sunk
-    if not 2.0 * travel < _MOST_PARTS * depth:
+    if not travel < _MOST_PARTS * depth:
         return True
-    parts = 1 + int(2.0 * travel / depth)
+    parts = 1 + int(travel / depth)
     for part in range(1, parts + 1):
         for k in range(len(displacement)):
             drift[k] = displacement[k] * part / parts

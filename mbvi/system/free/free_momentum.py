@@ -243,9 +243,9 @@ def keep_momentum(
 ) -> None:  # fmt: skip
     """Give free bodies after a displacement the momentum that they had before, and that of impulses at its contacts.
 
-    A group of bodies that touch each other and nothing else keeps its angular momentum. Each of its bodies keeps its own
-    about its centre, which the displacement would turn with its axes. What the displacement changed is removed by a
-    rotation of the group about its centre, which changes no rate of a gap within it and is the least change of
+    A group of bodies that touch each other and nothing else keeps its angular momentum. Each of its bodies keeps its
+    own about its centre, which the displacement would turn with its axes. What the displacement changed is removed by
+    a rotation of the group about its centre, which changes no rate of a gap within it and is the least change of
     velocities in the kinetic metric. Bodies that touch something else keep their velocities, and with these their
     kinetic energy: a turned body cannot keep both.
 
