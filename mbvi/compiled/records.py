@@ -193,6 +193,10 @@ class Held:
         # where Python runs the kernels
         return getattr(self._values, name)
 
+    def __reduce__(self) -> Any:
+        # a copy would have the address of this record's memory
+        raise TypeError("a held record is not copied: what has it constructs it again")
+
     def replace(self, **arrays: Any) -> None:
         """Replace some arrays by others."""
         self._values = self._values._replace(**arrays)

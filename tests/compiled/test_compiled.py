@@ -1,6 +1,8 @@
 """Kernels: what is compiled equals the plain form behind which it stands, one by one and in whole runs."""
 
+import copy
 import ctypes
+import pickle
 import resource
 import sys
 import threading
@@ -201,6 +203,13 @@ def test_a_held_record_refuses_arrays_that_kernels_would_misread(wrong):
         held(Outer(two, wrong, 3.0))
     with pytest.raises(TypeError, match="kernels take int64 with 1, contiguous"):
         held(Outer(two, np.full(1, 2), 3.0)).replace(b=wrong)
+
+
+@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, pickle.dumps])
+def test_a_held_record_is_not_copied(copied):
+    record = held(Outer(Two(np.ones(1), np.ones(1)), np.full(1, 2), 3.0))
+    with pytest.raises(TypeError, match="a held record is not copied"):
+        copied(record)
 
 
 def total_of_two(two):
