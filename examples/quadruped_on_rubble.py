@@ -29,13 +29,13 @@ def control(t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 
 def main(page: str | None = None) -> float:
-    """Return the impulse of the rubble over what weight and motion ask for."""
+    """Return the impulse of the rubble over weight times duration plus gain of momentum."""
     points = 41
     heights = STONE * np.random.default_rng(3).random((points, points))
     scene = mbvi.Scene(friction=FRICTION)
     scene.add_heightfield(heights, size=(CELL * (points - 1),) * 2, name="rubble")
-    joints = {f"{leg}_{joint}_joint": 0.0 for leg in ("FL", "FR", "RL", "RR") for joint in ("hip", "thigh", "calf")}
-    joints = dict(zip(joints, CROUCH.tolist(), strict=True))
+    names = [f"{leg}_{joint}_joint" for leg in ("FL", "FR", "RL", "RR") for joint in ("hip", "thigh", "calf")]
+    joints = dict(zip(names, CROUCH.tolist(), strict=True))
     scene.add_urdf(QUADRUPED, position=(0, 0, 0.4), joints=joints, control=control, name="quadruped")
     run = mbvi.simulate(scene.build(), mbvi.Paoli(), step=STEP, duration=DURATION, record="contacts")
     moved = run.q[-1, :2] - run.q[np.searchsorted(run.t, PUSHED[0]), :2]
@@ -45,11 +45,9 @@ def main(page: str | None = None) -> float:
     if page:
         run.replay_html(page)
     model = run.problem.system.model
-    data, mass, up = model.createData(), pin.computeTotalMass(model), []
-    for k in (0, -1):
-        pin.centerOfMass(model, data, run.q[k], run.v[k])
-        up.append(data.vcom[0][2])
-    return float(np.diff(run.t) @ run.contact_forces("quadruped")[1:, 2] / (mass * (9.81 * DURATION + up[1] - up[0])))
+    data, weight = model.createData(), 9.81 * pin.computeTotalMass(model)
+    first, last = (pin.computeCentroidalMomentum(model, data, run.q[k], run.v[k]).linear[2] for k in (0, -1))
+    return float(np.diff(run.t) @ run.contact_forces("quadruped")[1:, 2] / (weight * DURATION + last - first))
 
 
 if __name__ == "__main__":

@@ -37,8 +37,8 @@ def main(page: str | None = None, step: float = STEP) -> float:
     """Return the impulse of stairs and floor over weight times duration plus gain of momentum."""
     scene = mbvi.Scene(friction=0.4)
     stairs(scene)
-    joints = {f"{leg}_{joint}_joint": 0.0 for leg in ("FL", "FR", "RL", "RR") for joint in ("hip", "thigh", "calf")}
-    joints = dict(zip(joints, LEGS.tolist(), strict=True))
+    names = [f"{leg}_{joint}_joint" for leg in ("FL", "FR", "RL", "RR") for joint in ("hip", "thigh", "calf")]
+    joints = dict(zip(names, LEGS.tolist(), strict=True))
     start = {"position": (-0.5, 0, (STEPS + 1) * RISE + 0.32), "base_velocity": (SPEED, 0, 0, 0, 0, 0)}
     scene.add_urdf(GO2, **start, joints=joints, control=hold, name="go2")
     run = mbvi.simulate(scene.build(), mbvi.Paoli(), step=step, duration=DURATION, record="contacts")
@@ -48,11 +48,9 @@ def main(page: str | None = None, step: float = STEP) -> float:
     if page:
         run.replay_html(page)
     model = run.problem.system.model
-    data, mass, up = model.createData(), pin.computeTotalMass(model), []
-    for k in (0, -1):
-        pin.centerOfMass(model, data, run.q[k], run.v[k])
-        up.append(data.vcom[0][2])
-    return float(np.diff(run.t) @ run.contact_forces("go2")[1:, 2] / (mass * (9.81 * DURATION + up[1] - up[0])))
+    data, weight = model.createData(), 9.81 * pin.computeTotalMass(model)
+    first, last = (pin.computeCentroidalMomentum(model, data, run.q[k], run.v[k]).linear[2] for k in (0, -1))
+    return float(np.diff(run.t) @ run.contact_forces("go2")[1:, 2] / (weight * DURATION + last - first))
 
 
 if __name__ == "__main__":

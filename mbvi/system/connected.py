@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from ..errors import InputError
-from ..projection import FreeMotion, TreeFreeMotion, TreeMetric, in_flight
+from ..projection import FreeMotion, TreeMetric, in_flight
 from .mechanisms.articulated import ArticulatedSystem
 from .mechanisms.equalities import CoupledJoints, Equality, PointRows
 from .mechanisms.joined import joined
@@ -96,14 +96,14 @@ class ConnectedSystem(System):
     def pushed_velocity(self, t: float, q: Array, v: Array, h: float) -> Array:
         metric = self.metric(q)
         if self._damped:
-            free = self._motion_of_whole(t, q, v, h, v, self.whole.pushed_motion).free
+            free = self._driven(t, q, v).pushed_motion(t, q, v, h).free
         else:
             free = metric.tangent(self.inner.pushed_velocity(t, q, v, h))
         return in_flight(FreeMotion(free, self._with_friction(metric, h)))
 
     def free_motion(self, t: float, q: Array, v: Array, h: float) -> FreeMotion:
         if self._damped:
-            motion = self._motion_of_whole(t, q, v, h, v, self.whole.free_motion)
+            motion = self._driven(t, q, v).free_motion(t, q, v, h)
             return FreeMotion(motion.free, self._with_friction(self.metric(q), h))
         inner, metric = self.inner.free_motion(t, q, v, h), self.metric(q)
         return FreeMotion(metric.tangent(inner.free), self._with_friction(metric, h))
@@ -112,19 +112,14 @@ class ConnectedSystem(System):
         """Return the metric with the dry friction of joints in a step."""
         return metric.with_friction(h * self.whole.friction) if self.has_joint_friction else metric
 
-    def _motion_of_whole(
-        self, t: float, q: Array, v: Array, h: float, at: Array, motion: Callable[..., TreeFreeMotion]
-    ) -> TreeFreeMotion:
-        """Return a motion of the one mechanism, in which damping acts along the equalities, without friction.
-
-        `motion` is one of its methods; `at` is the velocity of forces.
-        """
+    def _driven(self, t: float, q: Array, at: Array) -> ArticulatedSystem:
+        """Return the one mechanism with the torques at a velocity: its damping acts along the equalities."""
         self.whole.applied = self.torque(t, q, at)
-        return motion(t, q, v, h, at) if motion == self.whole.centered_motion else motion(t, q, v, h)
+        return self.whole
 
     def centered_motion(self, t: float, q: Array, v: Array, h: float, at: Array) -> FreeMotion:
         if self._damped:
-            motion = self._motion_of_whole(t, q, v, h, at, self.whole.centered_motion)
+            motion = self._driven(t, q, at).centered_motion(t, q, v, h, at)
             return FreeMotion(motion.free, self._with_friction(self.metric(q), h))
         inner, metric = self.inner.centered_motion(t, q, v, h, at), self.metric(q)
         # the mean velocity of the step keeps the equalities

@@ -139,13 +139,13 @@ class HingedSystem(ConnectedSystem):
         return in_flight(self.free_motion(t, q, v, h))
 
     def pushed_velocity(self, t: float, q: Array, v: Array, h: float) -> Array:
-        return in_flight(self._with_hinges(self._motion_of_whole(t, q, v, h, v, self.whole.pushed_motion), q, h))
+        return in_flight(self._with_hinges(self._driven(t, q, v).pushed_motion(t, q, v, h), q, h))
 
     def free_motion(self, t: float, q: Array, v: Array, h: float) -> FreeMotion:
-        return self._with_hinges(self._motion_of_whole(t, q, v, h, v, self.whole.free_motion), q, h)
+        return self._with_hinges(self._driven(t, q, v).free_motion(t, q, v, h), q, h)
 
     def centered_motion(self, t: float, q: Array, v: Array, h: float, at: Array) -> FreeMotion:
-        return self._with_hinges(self._motion_of_whole(t, q, v, h, at, self.whole.centered_motion), q, h)
+        return self._with_hinges(self._driven(t, q, at).centered_motion(t, q, v, h, at), q, h)
 
     def _with_hinges(self, motion: TreeFreeMotion, q: Array, h: float) -> FreeMotion:
         """Return the free motion with the damping of the hinges, and the metric with their dry friction."""

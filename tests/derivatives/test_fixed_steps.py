@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 import mbvi
+from mbvi.derivatives.fixed_steps import LocatedSteps
 from mbvi.reference import MAKERS
+from mbvi.schemes.event_driven.impact_event import ImpactEvent
 from support.robot_problems import tilted_quadruped
 
 G = 9.81
@@ -40,6 +42,17 @@ def test_a_ball_at_e_one(scheme):
     exact = (2 * (0.8 - fall) - fall) / fall
     found = [mbvi.sensitivity(ball(1.0), scheme, duration=0.8, step=h).matrix[2, 2] for h in (1e-2, 1e-3)]
     assert np.all(np.abs(np.array(found) - exact) < [5e-2, 5e-3]), found
+
+
+@pytest.mark.parametrize("e", [0.7, 1.0])
+def test_impacts_are_located_in_their_steps(e):
+    """`Centered` falls exactly, so that only the time of the impact in its step is found here."""
+    run = mbvi.simulate(ball(e), mbvi.Centered(), step=1e-2, duration=0.5, progress=False)
+    event = next(part for part, _ in LocatedSteps(run, 1e-9).parts() if isinstance(part, ImpactEvent))
+    fall = np.sqrt(1.8 / G)
+    assert event.t == pytest.approx(fall, abs=1e-9)
+    assert event.before[2] == pytest.approx(-G * fall, abs=1e-9)
+    assert event.after[2] == pytest.approx(e * G * fall, abs=1e-9)
 
 
 @pytest.mark.parametrize("scheme", SCHEMES, ids=NAMES)

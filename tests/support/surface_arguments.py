@@ -292,6 +292,14 @@ def choose_edges(rng):
     return at, scene.places, scene.s, axis, least, 0.01, 0.1
 
 
+def list_at_triangle(rng):
+    scene = Scene(rng)
+    at, triangles = scene.listed()
+    t = int(at.near[rng.integers(triangles)]) if triangles else scene.triangle()
+    # a capsule has no faces
+    return at, scene.s, t, 1, int(scene.s < 2), 0.02, int(rng.integers(3))
+
+
 def list_used(rng):
     scene = Scene(rng)
     at, _ = scene.listed()
@@ -399,6 +407,7 @@ SURFACE_ARGUMENTS = {
     "choose_edges": choose_edges,
     "choose_faces": lambda rng: choose_edges(rng)[:-1],
     "may_hold": may_hold,
+    "list_at_triangle": list_at_triangle,
     "list_used": list_used,
     "list_features": list_of,
     "height_over_face": over_face,

@@ -90,7 +90,7 @@ class ShapeSurface(SurfaceContacts):
         return np.ascontiguousarray(self.system.placements(q, self.frames))
 
     def _make_room(self, triangles: int, features: int, rows: int) -> None:
-        """Make arrays for triangles and features of a shape, and for rows; features are listed anew."""
+        """Make arrays for triangles and features of a shape, and for rows; features are listed again."""
         count = max(rows, 20 * self.size)
         shape, gap, point, normal = _contacts(count)
         self.at_mesh.slack[:] = -1.0

@@ -16,7 +16,7 @@ from .tables import FOUND, MOST_ROWS, TOO_MANY, UNRESOLVED, PairFamily, RowBuffe
 
 @record("CoresAtMesh, PairFamily, i8[::1], f8[:,:,::1]")
 class ShapesAtMesh(NamedTuple):
-    """Boxes, hulls and capsules at a mesh.
+    """Boxes, hulls, capsules and cylinders at a mesh.
 
     Attributes
     ----------

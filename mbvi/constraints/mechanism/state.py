@@ -231,22 +231,22 @@ def _balls(constraints: AdmissibleSet) -> tuple[Balls, PairFamily]:
     return Balls(position, last.radii, pairs, np.zeros((n, 3)), *room), family
 
 
+def _at_mesh(constraints: AdmissibleSet, kind: int, none: type[ShapeSurface | SphereSurface]) -> tuple[Any, PairFamily]:
+    """Return the family of a kind and the numbers of its pairs, or one without pairs."""
+    nothing = _no_pairs(constraints.system.nv)
+    for k, family in enumerate(constraints.families):
+        if _kind_of(family) == kind:
+            return family, _pair_family(constraints, k, nothing)
+    return none(constraints.system, [], _NO_MESH, "", np.zeros(0)), nothing
+
+
 def _balls_at_mesh(constraints: AdmissibleSet) -> tuple[BallsAtMesh, PairFamily]:
-    k = next((k for k, family in enumerate(constraints.families) if _kind_of(family) == BALLS_AT_MESH), None)
-    none = _no_pairs(constraints.system.nv)
-    family: Any = (
-        SphereSurface(constraints.system, [], _NO_MESH, "", np.zeros(0)) if k is None else constraints.families[k]
-    )
-    return family.loop_table(), none if k is None else _pair_family(constraints, k, none)
+    family, pairs = _at_mesh(constraints, BALLS_AT_MESH, SphereSurface)
+    return family.loop_table(), pairs
 
 
 def _shapes_at_mesh(constraints: AdmissibleSet) -> ShapesAtMesh:
-    k = next((k for k, family in enumerate(constraints.families) if _kind_of(family) == SHAPES_AT_MESH), None)
-    none = _no_pairs(constraints.system.nv)
-    family: Any = (
-        ShapeSurface(constraints.system, [], _NO_MESH, "", np.zeros(0)) if k is None else constraints.families[k]
-    )
-    pairs = none if k is None else _pair_family(constraints, k, none)
+    family, pairs = _at_mesh(constraints, SHAPES_AT_MESH, ShapeSurface)
     # all of them are looked at
     pairs = pairs._replace(listed=np.arange(family.size))
     return ShapesAtMesh(family.at_mesh, pairs, family.frames, np.zeros((len(family.frames), 4, 3)))

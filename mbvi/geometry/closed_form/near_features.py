@@ -244,6 +244,35 @@ def may_hold(at: CoresAtMesh, s: int, f: int, p: int, turn: float) -> bool:
     return True
 
 
+@kernel("i8(CoresAtMesh, i8, i8, i8, i8, f8, i8)")
+def list_at_triangle(at: CoresAtMesh, s: int, t: int, edges: int, faces: int, turn: float, count: int) -> int:
+    """List what may touch the ridges and peaks of a triangle, and rims that may touch it; return the new count.
+
+    `edges` and `faces` are how many of core s are chosen, and `turn` is how far a unit vector may move with it.
+    """
+    mesh, round_core, low, high = at.mesh, at.cores.sizes[s, 3] > 0.0, np.empty(3), np.empty(3)
+    if at.cores.rims[s, 3] > 0.0:
+        count = append(at, s, count, t, ON_RIM, 0)
+    for k in range(3):
+        a, b = mesh.triangles[t, k], mesh.triangles[t, (k + 1) % 3]
+        if mesh.ridge[t, k] >= 0:
+            for c in range(3):
+                x, y = mesh.vertices[a, c], mesh.vertices[b, c]
+                low[c], high[c] = min(x, y), max(x, y)
+            for i in range(edges):
+                e = at.chosen[0, i]
+                if meets_box(low, high, at.boxes, i) and (round_core or may_cross(at, s, t, k, e, turn)):
+                    count = append(at, s, count, t, k, e)
+        if mesh.owned[t, k] >= 0 and round_core:
+            if meets_box(mesh.vertices[a], mesh.vertices[a], at.boxes, 0):
+                count = append(at, s, count, t, PEAK + k, 0)
+        elif mesh.owned[t, k] >= 0:
+            for i in range(faces):
+                if may_hold(at, s, at.chosen[1, i], a, turn):
+                    count = append(at, s, count, t, PEAK + k, at.chosen[1, i])
+    return count
+
+
 @kernel("Tuple((i8, i8))(CoresAtMesh, f8[:,:,::1], i8, f8, f8)")
 def list_features(at: CoresAtMesh, places: Array, s: int, tolerance: float, margin: float) -> tuple[int, int]:
     """List the features of core s that may touch the mesh while it moves by at most its skin.
@@ -297,32 +326,7 @@ def list_features(at: CoresAtMesh, places: Array, s: int, tolerance: float, marg
     edges = choose_edges(at, places, s, own_axis, least, turn, around)
     faces = choose_faces(at, places, s, own_axis, least, turn)
     for j in range(triangles):
-        t = at.near[j]
-        if cores.rims[s, 3] > 0.0:
-            count = append(at, s, count, t, ON_RIM, 0)
-        for k in range(3):
-            a, b = mesh.triangles[t, k], mesh.triangles[t, (k + 1) % 3]
-            if mesh.ridge[t, k] >= 0:
-                for c in range(3):
-                    low[c], high[c] = (
-                        min(mesh.vertices[a, c], mesh.vertices[b, c]),
-                        max(mesh.vertices[a, c], mesh.vertices[b, c]),
-                    )
-                for i in range(edges):
-                    if meets_box(low, high, at.boxes, i):
-                        e = at.chosen[0, i]
-                        if radius > 0.0 or may_cross(at, s, t, k, e, turn):
-                            count = append(at, s, count, t, k, e)
-            if mesh.owned[t, k] >= 0:
-                for c in range(3):
-                    low[c] = mesh.vertices[a, c]
-                if radius > 0.0:
-                    if meets_box(low, low, at.boxes, 0):
-                        count = append(at, s, count, t, PEAK + k, 0)
-                    continue
-                for i in range(faces):
-                    if may_hold(at, s, at.chosen[1, i], a, turn):
-                        count = append(at, s, count, t, PEAK + k, at.chosen[1, i])
+        count = list_at_triangle(at, s, at.near[j], edges, faces, turn, count)
     if count <= at.features.shape[1]:
         list_used(at, s, count)
         at.slack[s] = at.skin[s]

@@ -154,7 +154,7 @@ def all_rows(at: CoresAtMesh, places: Array, s: int, tolerance: float) -> tuple[
     Parameters
     ----------
     at : CoresAtMesh
-        The mesh, the cores and their lists, which are made anew where they do not hold.
+        The mesh, the cores and their lists, which are made again where they do not hold.
     places, s
         See `place_core`.
     tolerance : float
@@ -167,7 +167,7 @@ def all_rows(at: CoresAtMesh, places: Array, s: int, tolerance: float) -> tuple[
         any of them, the rows are not written.
     """
     cores, count, middle = at.cores, 0, np.empty(3)
-    # written so that a place that is not finite is searched anew
+    # written so that lists are made again at a place that is not finite
     if not (tolerance <= at.reach[s] and travel_from(at, at.place[s], places, s) <= at.slack[s]):
         triangles, features = list_features(at, places, s, tolerance, _MARGIN * cores.sizes[s, 4])
         if at.slack[s] < 0.0:
