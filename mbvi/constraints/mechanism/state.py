@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
 
 from ...geometry.meshes.triangles import Surface
 from ...geometry.shapes.shape_table import Shapes, ShapeTable
+from ...system import System
 from ..admissible_set import AdmissibleSet
 from ..families.given import GivenConstraint, GivenRows
 from ..families.half_space import HalfSpaceContacts
@@ -45,8 +46,6 @@ _KINDS: dict[type, int] = {
     GivenConstraint: GIVEN, GivenRows: GIVEN, HingeLimits: GIVEN,
     SphereSurface: BALLS_AT_MESH, ShapeSurface: SHAPES_AT_MESH,
 }  # fmt: skip
-# where a problem has none
-_NO_MESH = Surface(np.eye(3), np.array([[0, 1, 2]]))
 # kinds that are queried at every step
 _ALWAYS = BALLS, GIVEN, BALLS_AT_MESH, SHAPES_AT_MESH
 
@@ -231,13 +230,19 @@ def _balls(constraints: AdmissibleSet) -> tuple[Balls, PairFamily]:
     return Balls(position, last.radii, pairs, np.zeros((n, 3)), *room), family
 
 
+@cache
+def _nothing_at_mesh(kind: type[ShapeSurface | SphereSurface]) -> ShapeSurface | SphereSurface:
+    """Return a family without shapes, the same for all problems: kernels write nothing to it."""
+    return kind(System(), [], Surface(np.eye(3), np.array([[0, 1, 2]])), "", np.zeros(0))
+
+
 def _at_mesh(constraints: AdmissibleSet, kind: int, none: type[ShapeSurface | SphereSurface]) -> tuple[Any, PairFamily]:
     """Return the family of a kind and the numbers of its pairs, or one without pairs."""
     nothing = _no_pairs(constraints.system.nv)
     for k, family in enumerate(constraints.families):
         if _kind_of(family) == kind:
             return family, _pair_family(constraints, k, nothing)
-    return none(constraints.system, [], _NO_MESH, "", np.zeros(0)), nothing
+    return _nothing_at_mesh(none), nothing
 
 
 def _balls_at_mesh(constraints: AdmissibleSet) -> tuple[BallsAtMesh, PairFamily]:
