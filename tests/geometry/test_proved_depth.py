@@ -143,7 +143,7 @@ def test_hulls_are_as_far_apart_or_as_deep_as_coal_says(first, second, far, rng)
 
 @pytest.mark.slow(seconds=60)
 @given(seed=seeds, far=st.sampled_from(FAR), kinds=st.tuples(st.sampled_from(HULLS), st.sampled_from([*HULLS, box])))
-@settings(max_examples=20_000, deadline=None)
+@settings(max_examples=6_000, deadline=None)
 def test_thousands_of_hulls(seed, far, kinds):
     rng = np.random.default_rng(seed)
     check(Pair(rng, kinds, far), rng, 1e-11)

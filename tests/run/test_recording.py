@@ -256,9 +256,9 @@ def first_run(name, folder):
 def test_recording_changes_no_byte_of_an_example(name, tmp_path):
     _, scheme, step = first_run(name, tmp_path)
     step = step or 1e-3
-    duration = 0.5 if isinstance(scheme, mbvi.EventDriven) else 300.5 * step
+    duration = 0.5 if isinstance(scheme, mbvi.EventDriven) else 150.5 * step
     # a control of an example remembers what it saw
-    recording_changes_nothing(lambda: first_run(name, tmp_path)[0], scheme, duration, tmp_path, step)
+    recording_changes_nothing(lambda: first_run(name, tmp_path)[0], scheme, duration, tmp_path, step, (ALL,))
 
 
 PUBLISHED = {

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 import mbvi
+from mbvi.constraints.families.broad_phase import BroadPhasePairs
 from mbvi.constraints.families.signed_distance import SignedDistances
 from mbvi.geometry.broad.sweep import may_pass
-from support.paths import DATA
+from support.paths import DATA, real_robot
 
 SCHEMES = [
     mbvi.Paoli(),
@@ -176,6 +177,33 @@ def meeting(seed):
 
 def test_what_may_pass_holds_every_pair_that_meets():
     assert sum(meeting(seed) for seed in range(20)) > 20
+
+
+def test_what_the_arm_moves_as_one_passes_nothing_in_the_hand():
+    """The hand of TIAGo has thousands of pairs: how far they move is bounded by the joints between their links."""
+    scene = mbvi.Scene()
+    scene.add_halfspace((0, 0, 1), name="floor")
+    scene.add_urdf(real_robot("tiago_description/robots/tiago.urdf"), position=(0, 0, 1))
+    problem = scene.build()
+    system, q, rng = problem.system, problem.q0, np.random.default_rng(0)
+    (family,) = (c for c in problem.constraints.families if isinstance(c, BroadPhasePairs))
+    way = np.zeros(system.nv)
+    way[:6] = rng.normal(size=6)
+    assert not len(family.passable(q, way)[0])
+    i, j = np.triu_indices(len(family._shapes), 1)
+    pairs = family._allowed(i * len(family._shapes) + j)
+    inner = family._shapes.inner[np.stack(np.divmod(pairs, len(family._shapes)))].sum(axis=0)
+    for _ in range(5):
+        way[:] = rng.uniform(-1.0, 1.0, system.nv)
+        passed, travel, thickness = family.passable(q, way)
+        assert 0 < len(passed) < len(pairs)
+        before, after = family.pair_gap(0.0, q, pairs), family.pair_gap(0.0, system.integrate(q, way), pairs)
+        listed = np.searchsorted(pairs, np.sort(passed))
+        order = np.argsort(passed)
+        np.testing.assert_array_equal(thickness[order], inner[listed])
+        assert ((before - after)[listed] <= travel[order] + 1e-12).all()
+        others = np.setdiff1d(np.arange(len(pairs)), listed)
+        assert ((before - after <= inner + 1e-12) | (np.minimum(before, after) > 0.0))[others].all()
 
 
 def crowded(kind):

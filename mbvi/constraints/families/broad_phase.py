@@ -15,7 +15,7 @@ from ...system.free.sparse_rows import dense
 from ..family import ConstraintFamily
 from ..rebuilt import Rebuilt
 from ..rows import Array, Rows
-from .pairs import Contacts, sparse_reaches
+from .pairs import Contacts, relative_reaches, sparse_reaches
 from .signed_distance import SignedDistances
 
 # shapes that are larger than the median by this factor may turn while a list is valid
@@ -156,8 +156,10 @@ class BroadPhasePairs(Rebuilt, ConstraintFamily):
         centres, ends = (self._places(placements)[:, 3] for placements in both)
         i, j = may_pass(centres, ends - centres, travel, self._shapes.bound, inner)
         pairs = self._allowed(i * len(inner) + j)
-        i, j = np.divmod(pairs, len(inner))
-        return pairs, travel[i] + travel[j], inner[i] + inner[j]
+        sides = np.stack(np.divmod(pairs, len(inner)), axis=1)
+        travel, thickness = np.abs(displacement) @ relative_reaches(self._reaches(), sides), inner[sides].sum(axis=1)
+        passing = travel > thickness
+        return pairs[passing], travel[passing], thickness[passing]
 
     def least_displacement(self) -> float:
         """Return the largest entry of a tangent vector up to which no shape travels its thickness."""

@@ -129,10 +129,7 @@ class Pairs(Rebuilt, ConstraintFamily):
             each = np.array([*_reaches(self.system, self._shapes), np.zeros(self.system.nv)])
             left, right = each[self._sides.T]
             return np.where((left > 0.0) & (right > 0.0), 0.0, left + right).T.copy()
-        sparse = sparse_reaches(self.system, self._shapes)
-        left, right = (sparse[side] for side in self._sides.T)
-        rows, both = left + right, (left > 0.0).multiply(right > 0.0)
-        return (rows - rows.multiply(both)).T
+        return relative_reaches(sparse_reaches(self.system, self._shapes), self._sides)
 
     @cached_property
     def _envelope(self) -> Array:
@@ -281,3 +278,19 @@ def sparse_reaches(system: System, table: ShapeTable) -> Any:
     from scipy.sparse import csr_array, vstack
 
     return vstack([*(csr_array(r[None]) for r in _reaches(system, table)), csr_array((1, system.nv))], format="csr")
+
+
+def relative_reaches(reaches: Any, sides: Array) -> Any:
+    """Return the most that each velocity moves two shapes relative to each other, sparse, shape (nv, k).
+
+    Parameters
+    ----------
+    reaches : sparse array
+        The reach of each shape, shape (s, nv).
+    sides : ndarray
+        The two shapes of each pair, shape (k, 2).
+    """
+    left, right = (reaches[side] for side in sides.T)
+    # a velocity that carries both moves them as one
+    rows, both = left + right, (left > 0.0).multiply(right > 0.0)
+    return (rows - rows.multiply(both)).T
