@@ -109,10 +109,12 @@ class ContactLog:
         slips, the tangential percussion, and that of torsional and rolling friction.
     starts : list of int
         As `ContactTable.starts`, of the intervals that have ended.
+    offset : int
+        What is added to numbers of constraints: after a switch these are others.
     """
 
     def __init__(self, same: float, *, frictional: bool = False, resisting: bool = False) -> None:
-        self._same, self._frictional = same, frictional
+        self._same, self._frictional, self.offset = same, frictional, 0
         width = 17 if resisting else 14 if frictional else 7
         self.number, self.values = np.empty(_ROOM, np.int64), np.empty((_ROOM, width))
         self.starts = [0]
@@ -134,7 +136,7 @@ class ContactLog:
             number_of[:begin], values_of[:begin] = self.number[:begin], self.values[:begin]
             self.number, self.values = number_of, values_of
         values = self.values[begin:end]
-        self.number[begin:end] = number[index]
+        self.number[begin:end] = number[index] + self.offset
         values[:, :3], values[:, 3:6], values[:, 6] = point[index], normal[index], percussion[index]
         if self._frictional:
             values[:, 7:] = 0.0

@@ -76,9 +76,9 @@ def estimate_error(run: RunData) -> ErrorEstimate:
 
 def _estimated(run: RunData) -> ErrorEstimate:
     problem, again, scheme = run.problem, run.record.again, run.record.scheme
-    if problem is None or scheme is None or run.lacks_functions:
+    if problem is None or scheme is None or run.lacks_functions or (again is None and run.record.switches):
         raise InputError(
-            "this run lacks its problem or functions that acted: give them to mbvi.load, or simulate again"
+            "this run lacks its problem, or functions that acted or switched: give them to mbvi.load, or simulate again"
         )
     if again is None or not run.complete:
         raise InputError("only a complete run of simulate has an error estimate")

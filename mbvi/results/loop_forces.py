@@ -17,7 +17,7 @@ from .diagnosis.diagnose import State, states
 from .run_data import Array, RunData
 
 
-class _Place(NamedTuple):
+class Place(NamedTuple):
     """An equality: what it belongs to, where that begins in q and v, and where its rows begin there."""
 
     system: System
@@ -35,13 +35,27 @@ def loop_forces(run: RunData, name: str) -> Array:
         raise InputError(
             f"{run.scheme} takes no steps of one length, whose percussions could be balanced: take Centered"
         )
-    places = {place.equality.name: place for place in _places(run.problem.system)}
-    if printable(name, "name") not in places:
+    scene = run.problem.scene
+    # those that are switched off have no place
+    widths = {} if scene is None else {one.name: 6 for one in scene.items.connections}
+    legs = [(start, leg, placed_equalities(leg.problem.system)) for start, leg in run.legs() if leg.problem is not None]
+    for _, _, places in legs:
+        widths |= {known: 6 if isinstance(place.equality, PointRows) else 1 for known, place in places.items()}
+    if printable(name, "name") not in widths:
         raise InputError(
-            f"{shown(name)} is no connection or coupling of this run; known are {', '.join(places) or 'none'}"
+            f"{shown(name)} is no connection or coupling of this run; known are {', '.join(widths) or 'none'}"
         )
-    place = places[name]
-    bare, several = _without_equalities(run.problem.system), isinstance(place.equality, PointRows)
+    found = np.zeros((len(run.t), widths[name]))
+    for start, leg, places in legs:
+        if name in places:
+            found[start + 1 : start + len(leg.t)] = _forces(leg, places[name])[1:]
+    return found if widths[name] == 6 else found[:, 0]
+
+
+def _forces(run: RunData, place: Place) -> Array:
+    """Return the forces of an equality in each step of a run without switches, shape (n + 1, 6) or (n + 1, 1)."""
+    assert run.problem is not None
+    bare, several = without_equalities(run.problem.system), isinstance(place.equality, PointRows)
     found = np.zeros((len(run.t), 6 if several else 1))
     i, since = 0, float(run.t[0])
     for state in states(run):
@@ -50,11 +64,15 @@ def loop_forces(run: RunData, name: str) -> Array:
             if state.t >= run.t[i + 1] - 1e-9 * run.step:
                 found[i + 1] /= state.t - since
                 i, since = i + 1, state.t
-    return found if several else found[:, 0]
+    return found
 
 
-def _places(system: System) -> Iterator[_Place]:
-    """Yield all equalities of a system, in the order of their rows."""
+def placed_equalities(system: System) -> dict[str, Place]:
+    """Return all equalities of a system by name, in the order of their rows."""
+    return {place.equality.name: place for place in _places(system)}
+
+
+def _places(system: System) -> Iterator[Place]:
     parts = (
         [(system.whole, 0, 0)] if system.whole is not None else [(p.system, p.q, p.v) for p in system.located_parts()]
     )
@@ -63,24 +81,24 @@ def _places(system: System) -> Iterator[_Place]:
         for points in (True, False):
             for one in part.equalities:
                 if isinstance(one, PointRows) == points:
-                    yield _Place(part, q, v, begin, one)
+                    yield Place(part, q, v, begin, one)
                     begin += len(one.normals) if isinstance(one, PointRows) else 1
 
 
-def _without_equalities(system: System) -> System:
+def without_equalities(system: System) -> System:
     """Return the same system without its equalities."""
     if isinstance(system, ConnectedSystem):
-        return _without_equalities(system.inner)
+        return without_equalities(system.inner)
     if isinstance(system, ActuatedSystem):
-        return ActuatedSystem(_without_equalities(system.inner), system.loads, system.observe is not None)
+        return ActuatedSystem(without_equalities(system.inner), system.loads, system.observe is not None)
     if isinstance(system, BlockSystem):
-        return BlockSystem([_without_equalities(part) for part in system.parts])
+        return BlockSystem([without_equalities(part) for part in system.parts])
     if isinstance(system, ArticulatedSystem):
         return ArticulatedSystem(system.model, system.name, system.control, (), system.springs)
     return system
 
 
-def _percussions(run: RunData, bare: System, state: State, place: _Place) -> Array:
+def _percussions(run: RunData, bare: System, state: State, place: Place) -> Array:
     """Return the percussions of an equality in one step: of points force and moment on the second body in the world."""
     assert run.problem is not None
     system, q, h = run.problem.system, state.q, state.h
@@ -113,12 +131,19 @@ def _percussions(run: RunData, bare: System, state: State, place: _Place) -> Arr
     one, end = place.equality, place.begin
     if not isinstance(one, PointRows):
         return percussions[end : end + 1]
-    percussions = percussions[end : end + len(one.normals)]
-    poses = part.kinematics(own).poses
-    normals = one.normals @ poses[one.first, :3]
-    points = one.points[:, 3:] @ poses[one.second, :3] + poses[one.second, 3]
-    pushes = percussions[:, None] * normals
+    points, normals = rows_in_world(place, own)
+    pushes = percussions[end : end + len(normals), None] * normals
     return np.concatenate([pushes.sum(axis=0), np.cross(points - points[0], pushes).sum(axis=0)])
+
+
+def rows_in_world(place: Place, q: Array) -> tuple[Array, Array]:
+    """Return the points of a connection's rows on its second body and their directions in the world, shapes (m, 3).
+
+    q, shape (nq,), is that of the system that it belongs to.
+    """
+    one, poses = place.equality, place.system.kinematics(q).poses
+    assert isinstance(one, PointRows)
+    return one.points[:, 3:] @ poses[one.second, :3] + poses[one.second, 3], one.normals @ poses[one.first, :3]
 
 
 def _of_contacts(step: Step) -> Array:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -74,6 +74,46 @@ class Impact:
 
 
 @dataclass(frozen=True)
+class Switch:
+    """Connections that were switched between two steps of a run.
+
+    Attributes
+    ----------
+    time : float
+        When, the time of a recorded state [s].
+    connections : dict of str to bool
+        Those that were switched, and whether each is on since then.
+    q : ndarray, shape (nq,)
+        Configuration.
+    before, after : ndarray, shape (nv,)
+        Velocity before and after; the recorded one is that after.
+    problem : Problem or None
+        The problem with these connections; None where a file could not bring it back.
+    """
+
+    time: float
+    connections: dict[str, bool]
+    q: Array
+    before: Array
+    after: Array
+    problem: Problem | None = field(default=None, repr=False)
+
+    def __str__(self) -> str:
+        """Return what was switched when, such as "t = 0.5 s: grasp on, magnet off"."""
+        words = ", ".join(f"{name} {'on' if on else 'off'}" for name, on in self.connections.items())
+        return f"t = {self.time:.6g} s: {words}"
+
+
+def by_problem(problem: Problem, switches: Sequence[Switch], times: Array) -> Iterator[tuple[Problem, Array]]:
+    """Yield the problem of a run with the connections that hold from some times on, and which of the times."""
+    number = np.searchsorted([one.time for one in switches], times, side="right")
+    for k in np.unique(number).tolist():
+        found = switches[k - 1].problem if k else problem
+        assert found is not None
+        yield found, np.flatnonzero(number == k)
+
+
+@dataclass(frozen=True)
 class RunRecord:
     """Everything a run keeps beside its states and impacts.
 
@@ -97,6 +137,8 @@ class RunRecord:
         `simulate` with the residual, depth and solver of the run; None where the run was interrupted.
     settings : Settings or None
         The inputs and torques that were set in the run; None where those of the problem are.
+    switches : tuple of Switch
+        Connections that were switched, in order.
     """
 
     penetration: Array = field(default_factory=lambda: np.zeros(0))
@@ -108,6 +150,7 @@ class RunRecord:
     limit_violation: Array = field(default_factory=lambda: np.zeros(0))
     again: Callable[..., RunData] | None = None
     settings: Settings | None = None
+    switches: tuple[Switch, ...] = ()
 
     def as_set(self) -> AbstractContextManager[None]:
         """Let the inputs and torques of the run act within a block."""
@@ -182,15 +225,54 @@ class RunData:
         i = np.searchsorted(self.t, times, side="right") - 1
         later = np.minimum(i + 1, len(self.t) - 1)
         part = np.divide(times - self.t[i], self.t[later] - self.t[i], out=np.zeros(len(i)), where=later > i)
-        q, v = self.q[i], self.v[np.where(part >= self.record.timing.jump, later, i)]
+        jumped = part >= self.record.timing.jump
+        q, v = self.q[i], np.where(jumped[:, None], self.arriving[later], self.v[i])
         inside = np.flatnonzero(later > i)
         before, after, share = q[inside], self.q[later[inside]], part[inside, None]
         if self.problem is None:
             q[inside] += share * (after - before)
-        elif len(inside):
-            system = self.problem.system
-            q[inside] = system.integrate_each(before, share * system.difference_each(before, after))
+            return q, v
+        for problem, part in self.by_problem(times[inside]):
+            ends = before[part], after[part]
+            q[inside[part]] = problem.system.integrate_each(
+                ends[0], share[part] * problem.system.difference_each(*ends)
+            )
         return q, v
+
+    @property
+    def arriving(self) -> Array:
+        """Velocities that the steps to the states have led to, shape (n + 1, nv): before what is attached there."""
+        if not self.record.switches:
+            return self.v
+        found = self.v.copy()
+        found[np.searchsorted(self.t, [one.time for one in self.record.switches])] = [
+            one.before for one in self.record.switches
+        ]
+        return found
+
+    def legs(self) -> Iterator[tuple[int, RunData]]:
+        """Yield the parts of the run between switches as runs of their own, and the number of the first state of each.
+
+        Contacts, energies and dense output are left out.
+        """
+        record, arriving = self.record, self.arriving
+        starts = [0, *np.searchsorted(self.t, [one.time for one in record.switches]).tolist()]
+        problems = [self.problem, *(one.problem for one in record.switches)]
+        for problem, start, end in zip(problems, starts, [*starts[1:], len(self.t) - 1], strict=True):
+            part, v = slice(start, end + 1), np.concatenate([self.v[start:end], arriving[end : end + 1]])
+            own = replace(
+                record, penetration=record.penetration[part], limit_violation=record.limit_violation[part],
+                dense=None, energies=None, contacts=None, again=None, switches=(),
+            )  # fmt: skip
+            yield start, replace(
+                self, t=self.t[part], q=self.q[part], v=v, impacts=(), residual=self.residual[part], problem=problem,
+                record=own,
+            )  # fmt: skip
+
+    def by_problem(self, times: Array) -> Iterator[tuple[Problem, Array]]:
+        """Yield the problems with the connections that hold from some times on, and which of the times."""
+        assert self.problem is not None
+        yield from by_problem(self.problem, self.record.switches, times)
 
     def _check(self, t: float) -> None:
         if not self.t[0] <= t <= self.t[-1]:
@@ -207,10 +289,10 @@ class RunData:
         if dense is not None and self.problem is not None:
             dq, dv = (self.t[i + 1] - self.t[i]) * (dense[i] @ part ** np.arange(1, 1 + dense.shape[-1]))
             return self.problem.system.integrate(self.q[i], dq), self.v[i] + dv
-        v = self.v[i + (part >= self.record.timing.jump)].copy()
+        v = (self.arriving[i + 1] if part >= self.record.timing.jump else self.v[i]).copy()
         if self.problem is None:
             return self.q[i] + part * (self.q[i + 1] - self.q[i]), v
-        system = self.problem.system
+        system = next(self.by_problem(np.array([t])))[0].system
         return system.integrate(self.q[i], part * system.difference(self.q[i], self.q[i + 1])), v
 
     @property

@@ -113,7 +113,7 @@ class Trajectory(Outputs):
     def loop_gap(self) -> Array:
         """Return the largest gap of connections, couplings and mimic joints at each time, shape (n + 1,) [m, rad].
 
-        Steps close them to rounding; 0 where the problem has none.
+        Steps close them to rounding; 0 where the problem has none, or all are switched off.
 
         Raises
         ------
@@ -122,15 +122,17 @@ class Trajectory(Outputs):
         """
         if self.problem is None:
             raise InputError("this file holds no problem, whose loops could be measured")
-        system = self.problem.system
-        return np.array([np.abs(system.gaps(q)).max(initial=0.0) for q in self.q])
+        gaps = np.zeros(len(self.t))
+        for problem, which in self.by_problem(self.t):
+            gaps[which] = [np.abs(problem.system.gaps(q)).max(initial=0.0) for q in self.q[which]]
+        return gaps
 
     def loop_forces(self, name: str) -> Array:
         """Return the forces of a connection or a coupling in each step; zero at the start.
 
         Means over the step that led to each state, impacts included, from the balance of its percussions. Where rows
         depend on each other they are not unique: the least ones are returned. Where joints have dry friction, so do
-        its torques count.
+        its torques count. Zero while it is switched off; the percussion of switching it on is in `impacts` only.
 
         Parameters
         ----------
@@ -227,7 +229,7 @@ class Trajectory(Outputs):
         Raises
         ------
         InputError
-            If the run carries no problem, or the tolerance is not between 0 and 1.
+            If the run carries no problem, connections were switched in it, or the tolerance is not between 0 and 1.
         """
         return diagnose(self, between(tolerance, "tolerance", 0.0, 1.0, ends=False))
 

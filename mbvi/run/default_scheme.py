@@ -44,7 +44,9 @@ _SAME_SLOPE = 0.5
 _ROUND_NUMBERS = (5.0, 2.0, 1.0)
 
 
-def default_scheme(problem: Problem, duration: float) -> tuple[Scheme | EventDriven, float | None, str]:
+def default_scheme(
+    problem: Problem, duration: float, switching: bool = False
+) -> tuple[Scheme | EventDriven, float | None, str]:
     """Return the scheme for a problem, its time step, and why.
 
     Parameters
@@ -53,6 +55,8 @@ def default_scheme(problem: Problem, duration: float) -> tuple[Scheme | EventDri
         The problem to run.
     duration : float
         Duration of the run [s].
+    switching : bool
+        Whether connections are switched in it.
 
     Returns
     -------
@@ -64,7 +68,7 @@ def default_scheme(problem: Problem, duration: float) -> tuple[Scheme | EventDri
     reason : str
         The choice and its reason in words, as in the notes of a run.
     """
-    against = _reason_against_event_driven(problem)
+    against = "connections are switched" if switching else _reason_against_event_driven(problem)
     if against is None:
         count = _count(problem)
         why = f"{count} smooth constraint{'s' * (count != 1)}" if count else "no constraints"

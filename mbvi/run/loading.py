@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import wraps
 from typing import Any
 
@@ -14,4 +15,6 @@ from .simulate import simulate
 @wraps(read)
 def load(*args: Any, **kwargs: Any) -> Trajectory:
     """See `results.files.reading.load`."""
-    return repeatable(read(*args, **kwargs), simulate)
+    run = repeatable(read(*args, **kwargs), simulate)
+    # a file cannot keep the function that switched connections
+    return replace(run, record=replace(run.record, again=None)) if run.record.switches else run

@@ -11,7 +11,7 @@ from ..compiled import kernel
 from ..errors import MbviWarning
 from ..problem import Problem
 from ..results.contacts import ContactLog
-from ..results.run_data import Array, Impact, RunRecord
+from ..results.run_data import Array, Impact, RunRecord, Switch
 from ..results.trajectory import Trajectory
 from ..schemes import SchemeBase, Step, Timing
 from ..schemes.contact_friction import friction_of
@@ -165,15 +165,18 @@ class Recorder:
         The last step.
     recent : RecentPercussions
         The percussions of the last steps.
+    switches : list of Switch
+        Connections that were switched.
     """
 
     def __init__(
         self, problem: Problem, count: int, timing: Timing, notes: Sequence[str] = (), contacts: bool = False
     ) -> None:
         far = _SAME_POINT * problem.length
+        self.switches: list[Switch] = []
+        self._first = problem
         frictional, resisting = problem.constraints.frictional, problem.constraints.resistance is not None
         self.contacts = ContactLog(far, frictional=frictional, resisting=resisting) if contacts else None
-        self.problem = problem
         self.timing = timing
         self.t = np.empty(count)
         self.q = np.empty((count, problem.system.nq))
@@ -184,13 +187,22 @@ class Recorder:
         self.dense: list[Array] | None = None
         self.impacts: list[Impact] = []
         self.notes = list(notes)
-        self._limits = problem.constraints.limits
-        self._lever, self._still = problem.constraints.lever, STILL * problem.length
         self._warned = False
         self.count = 0
+        self.begin(problem)
+
+    def begin(self, problem: Problem) -> None:
+        """Record steps of a problem from now on."""
+        self.problem = problem
+        self._limits = problem.constraints.limits
+        self._lever, self._still = problem.constraints.lever, STILL * problem.length
         self._parts = independent_parts(problem.system)
         self.recent = RecentPercussions(RECENT)
         self.last: Step | None = None
+
+    def name(self, constraint: int) -> str:
+        """Return the name of a constraint in the order in which `contacts` count them."""
+        return self.problem.constraints.name(constraint)
 
     def step(self, step: Step, keep: bool) -> None:
         """Record a step: its impacts always, its state if `keep`."""
@@ -230,7 +242,7 @@ class Recorder:
             scheme.name,
             h,
             tuple(self.notes),
-            self.problem,
+            self._first,
             complete,
             RunRecord(
                 self.penetration[:n],
@@ -238,7 +250,8 @@ class Recorder:
                 self.timing,
                 None if self.dense is None else np.array(self.dense[: n - 1]).reshape(-1, 2, self.v.shape[1], DEGREE),
                 limit_violation=self.limit_violation[:n],
-                contacts=None if self.contacts is None else self.contacts.table(self.problem.constraints.name, n),
+                contacts=None if self.contacts is None else self.contacts.table(self.name, n),
+                switches=tuple(self.switches),
             ),
         )
 

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import partial
-from time import perf_counter
 
 from ..arguments import boolean, choice, file_path, integer, optional, positive, shown
-from ..errors import InputError, ProjectionError
+from ..errors import InputError, UnsuitableError
 from ..problem import Problem, check_kept
 from ..projection import ChosenSolver, Projector, checked_solver
 from ..results.error_estimate import repeatable
@@ -16,21 +15,20 @@ from ..results.files.hdf5 import Writer
 from ..results.trajectory import Trajectory
 from ..scene import Scene
 from ..schemes import Adaptive, EventDriven, OwnStepsScheme, Scheme, Step
-from ..schemes.step import end_at
 from ..system.settings import Settings
-from .accuracy import projector_of, residual_note
+from .accuracy import projector_of
 from .control_stability import failures_with_time, gain_notes
 from .default_scheme import default_scheme, time_stepping
+from .fixed_steps import FixedSteps, Plan, observed
 from .given_scheme import checked_scheme
 from .interrupted import run_so_far
-from .loop.compiled_loop import compiled_loop
 from .own_steps.adaptive_loop import run_adaptive
 from .own_steps.event_loop import run_event_driven
 from .progress import Progress
 from .recorder import Recorder
 from .retaken import SolvedSteps
-from .sleeping import Sleepers
 from .start import initial_step
+from .switching import SwitchedRecorder, SwitchFunction, Switching, switch_connections
 from .tunnelling import TunnellingGuard
 
 _DEFAULT_STEP = 1e-3
@@ -105,6 +103,7 @@ def simulate(
     out: str | os.PathLike[str] | None = None,
     progress: bool | None = None,
     record: str | None = None,
+    switch: SwitchFunction | None = None,
 ) -> Trajectory:
     """Simulate a problem.
 
@@ -143,6 +142,11 @@ def simulate(
     record : "contacts", optional
         Record the percussions of all contacts too, for `run.contacts(t)` and `run.contact_forces()`. With `every` those
         of the steps between two recorded states are added up.
+    switch : callable, optional
+        switch(state) -> {connection: bool}: which connections of the scene are on from then on; the others, and all at
+        None, stay as they are. It is asked at the start and after every step but the last, with `state` as
+        `Scene.add_control` gives it. What is switched on holds the bodies as they are then; that is an impact, as
+        `Simulator.switch`. Notes of the run say what was switched when. Not for `EventDriven` and `Adaptive`.
 
     Returns
     -------
@@ -153,10 +157,10 @@ def simulate(
     ------
     InputError
         If duration, step, every, residual or depth is not positive and finite, residual and depth are both given, the
-        solver is none of those, or record is another word.
+        solver is none of those, record is another word, or switch is no function or returns what is no connection.
     UnsuitableError
         If the scheme cannot run the problem: `EventDriven` with moving walls or too many bodies. If a depth is given to
-        another scheme than `StewartTrinkle`.
+        another scheme than `StewartTrinkle`, or switch to one that chooses its own steps.
     TrajectoryFileError
         If `out` cannot be written: before the first step, or when the disk is full; `out` then keeps the states written
         before. A file is read back and compared with the run before it is marked complete.
@@ -177,13 +181,20 @@ def simulate(
         optional(boolean, progress, "progress"),
     )
     optional(choice, record, "record", ("contacts",))
-    scheme, h, notes = _scheme_and_step(problem, scheme, h, duration)
-    projector, accepted = projector_of(problem, scheme, residual, depth, checked_solver(solver), h)
+    switching = None if switch is None else Switching(problem, switch)
+    scheme, h, notes = _scheme_and_step(problem, scheme, h, duration, switching is not None)
+    chosen = checked_solver(solver)
+
+    def projector_for(problem: Problem) -> Projector:
+        return projector_of(problem, scheme, residual, depth, chosen, h)[0]
+
+    projector, accepted = projector_of(problem, scheme, residual, depth, chosen, h)
     built = [] if problem.scene is None else problem.scene.notes(problem)
     notes += accepted + problem.system.notes() + built
     if solver is not None:
         notes.append(f"every projection was solved by {solver!r}")
-    again, settings = partial(simulate, residual=residual, depth=depth, solver=solver), Settings(problem.system)
+    again = partial(simulate, residual=residual, depth=depth, solver=solver, switch=switch)
+    settings = Settings(problem.system)
     if isinstance(scheme, EventDriven):
         run = run_event_driven(problem, scheme, duration, every, projector, notes, out, progress, record is not None)
         return repeatable(run, again, settings)
@@ -194,97 +205,45 @@ def simulate(
     notes += gain_notes(problem, h)
     if duration / h > _MOST_STEPS:
         raise InputError(f"{duration / h:.1g} steps are more than any run can take: shorten it or lengthen the step")
-    # the number of whole steps, the remaining time, and the number of all steps
-    whole = int(duration / h * (1.0 + 1e-12))
-    rest = duration - whole * h
-    # a run that is shorter than rounding of a step has one too
-    total = max(whole + (rest > 1e-9 * h), 1)
+    plan = Plan.of(problem.t0, duration, h, every)
+    states, kept = 1 + -(-plan.total // every), record is not None
     try:
-        recorder = Recorder(problem, 1 + -(-total // every), scheme.timing, notes, record is not None)
+        if switching is None:
+            recorder = Recorder(problem, states, scheme.timing, notes, kept)
+        else:
+            recorder = SwitchedRecorder(problem, states, scheme.timing, notes, kept)
     except MemoryError as error:
-        raise InputError(f"not enough memory for {total // every} states: record fewer of them by every=") from error
-    guard = TunnellingGuard(problem, scheme, h)
-    solved = SolvedSteps(problem, scheme, guard)
-    last = h if scheme.timing.whole_steps else rest
+        raise InputError(f"not enough memory for {states - 1} states: record fewer of them by every=") from error
     state = initial_step(problem, projector)
-    solved.note_loose(problem.t0, projector)
     recorder.step(state, True)
     with (
         run_so_far(partial(recorder.trajectory, scheme, h, complete=False)),
         Writer(out, problem, scheme, h, recorder) as writer,
-        Progress(total, progress) as bar,
-        Sleepers(problem, h, projector) as sleepers,
-        failures_with_time(problem, h, lambda: state),
+        Progress(plan.total, progress) as bar,
     ):
-        observe, next_poll, fast, shortened_steps, last_length = _observed(guard, state), 0.0, True, 0, 0.0
-        loop = compiled_loop(problem, scheme, projector, recorder, guard, h, every, total)
-        done = 0
-        while done < total:
-            if loop is not None and done < whole:
-                state, done, complete = loop.run(state, done, whole)
-                fast = not state.v.dot(state.v) < guard.limit
-                if perf_counter() >= next_poll:
-                    next_poll = min(writer.poll(), bar.poll(done))
-                if complete:
-                    continue
-            i = done = done + 1
-            t, length = problem.t0 + (i - 1) * h, h if i <= whole else last
-            # bodies fall asleep only where the loop has left many steps in a row to Python
-            if sleepers.any and (loop is None or loop.idle):
-                *parts, new = sleepers.stepped(
-                    partial(_advanced, solved, guard, t, state, last_length, length, projector), length
+        steps = FixedSteps(plan, scheme, recorder, writer, bar, switching)
+        connected, done = problem, 0
+        switched = {} if switching is None else switching.asked(problem, state, 0.0)
+        while True:
+            if switched:
+                assert isinstance(recorder, SwitchedRecorder)
+                if done % every:
+                    recorder.add_state(state)
+                again_at = problem.t0 + done * h
+                connected, projector, state = switch_connections(
+                    connected, switched, again_at, state, scheme, projector_for, recorder
                 )
-            else:
-                # `solved.steps`, written out: the call alone would cost a fifteenth of the cheapest step
-                parts = []
-                try:
-                    new = scheme.step(problem, t, state.q, state.v, length, projector)
-                    # the guard checks a step if the state before or after it is fast; a NaN counts as fast
-                    was_fast, fast = fast, not new.v.dot(new.v) < guard.limit
-                    if fast or was_fast:
-                        *parts, new = guard.followed(t, state, new, length, projector)
-                except ProjectionError as error:
-                    *parts, new = solved.retake(t, state, length, projector, error)
-            if i > whole and last > rest:
-                parts, new = end_at(problem.system, state, [*parts, new], problem.t0 + duration)
-            for part in parts:
-                recorder.step(part, False)
-            state, shortened_steps = new, shortened_steps + len(parts)
-            if observe is not None:
-                last_length = state.t - parts[-1].t if parts else length
-                observe(state, last_length)
-            recorder.step(state, i % every == 0 or i == total)
-            if perf_counter() >= next_poll:
-                next_poll = min(writer.poll(), bar.poll(i))
+            state, done, switched = steps.take(connected, projector, state, done)
+            if not switched:
+                break
         # the sum of the steps has rounding errors
-        recorder.t[-1] = problem.t0 + duration
-    recorder.notes += residual_note(projector) + sleepers.note() + solved.notes()
-    if shortened_steps > solved.parts:
+        recorder.t[recorder.count - 1] = plan.end
+    recorder.notes += steps.notes
+    if steps.shortened > steps.retaken:
         recorder.notes.append(
-            f"{shortened_steps - solved.parts} steps were shortened where a body would have passed through another"
+            f"{steps.shortened - steps.retaken} steps were shortened where a body would have passed through another"
         )
     return repeatable(recorder.trajectory(scheme, h), again, settings)
-
-
-def _advanced(
-    solved: SolvedSteps, guard: TunnellingGuard, t: float, state: Step, last_length: float, length: float,
-    projector: Projector,
-) -> Iterator[Step]:  # fmt: skip
-    """Return `solved.steps` from a state, after passing the contacts of the step that led there to the controls.
-
-    `last_length` is the length of that step [s].
-    """
-    # the controls of a retried step must receive the same contacts as before
-    if guard.observe is not None and last_length > 0.0:
-        guard.observe(state, last_length)
-    return solved.steps(t, state, length, projector)
-
-
-def _observed(guard: TunnellingGuard, start: Step) -> Callable[[Step, float], None] | None:
-    """Return the guard's observer, after passing it the contacts of the initial state."""
-    if guard.observe is not None and start.percussion.any():
-        guard.observe(start, 0.0)
-    return guard.observe
 
 
 def _steps(problem: Problem, scheme: Scheme, h: float, projector: Projector) -> Iterator[Step]:
@@ -295,11 +254,13 @@ def _steps(problem: Problem, scheme: Scheme, h: float, projector: Projector) -> 
     yield from steps_from(problem, scheme, h, projector, state)
 
 
-def steps_from(problem: Problem, scheme: Scheme, h: float, projector: Projector, state: Step) -> Iterator[Step]:
-    """Yield the states after steps from an initial state, without end."""
-    guard, i = TunnellingGuard(problem, scheme, h), 0
+def steps_from(
+    problem: Problem, scheme: Scheme, h: float, projector: Projector, state: Step, done: int = 0
+) -> Iterator[Step]:
+    """Yield the states after steps from the state after `done` steps, without end."""
+    guard, i = TunnellingGuard(problem, scheme, h), done
     solved = SolvedSteps(problem, scheme, guard)
-    observe = _observed(guard, state)
+    observe = observed(guard, state)
     with failures_with_time(problem, h, lambda: state):
         while True:
             parts, last_length = 0, h
@@ -313,11 +274,11 @@ def steps_from(problem: Problem, scheme: Scheme, h: float, projector: Projector,
 
 
 def _scheme_and_step(
-    problem: Problem, scheme: Scheme | OwnStepsScheme | None, h: float | None, duration: float
+    problem: Problem, scheme: Scheme | OwnStepsScheme | None, h: float | None, duration: float, switching: bool
 ) -> tuple[Scheme | OwnStepsScheme, float | None, list[str]]:
     """Return the scheme, its step, and a note where the scheme was not named."""
     if scheme is None and h is None:
-        scheme, h, reason = default_scheme(problem, duration)
+        scheme, h, reason = default_scheme(problem, duration, switching)
         return scheme, h, [reason]
     if scheme is None:
         scheme, words = time_stepping(problem)
@@ -327,6 +288,11 @@ def _scheme_and_step(
         return scheme, _DEFAULT_STEP if h is None else h, []
     if h is not None:
         raise InputError(f"{scheme.name} chooses its own steps: leave out step")
+    if switching:
+        raise UnsuitableError(
+            f"{scheme.name} chooses its own steps, and connections are switched between steps of one length: take "
+            "another scheme, such as Centered"
+        )
     return scheme, None, []
 
 

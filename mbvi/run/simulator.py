@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ..arguments import integer, positive, shown
+from ..arguments import boolean, integer, positive, shown
 from ..constraints.contact import Contact
 from ..errors import InputError, UnsuitableError
 from ..problem import Problem, check_kept
-from ..scene.connected.switched import attached, released
+from ..scene.connected.switched import attached, released, switched
 from ..schemes import OwnStepsScheme, Scheme, Step
 from ..schemes.contact_friction import friction_of
 from ..schemes.observer import contacts_of_rows
@@ -106,7 +106,7 @@ class Simulator:
         if self._given is not given:
             self._take(given)
         start = given.at(given.q0 if q is None else q, given.v0 if v is None else v, given.t0 if t is None else t)
-        self._stepper.begin(start)
+        self._stepper.begin(start, start.t0)
         self._t0 = start.t0
         return self.q, self.v
 
@@ -176,7 +176,7 @@ class Simulator:
         The problem is built again, which costs as much as `Scene.build`; `q` and `v` are other arrays afterwards.
         """
         problem, own = attached(self._given, self.q, first, second, at, axis, name)
-        self._switch(problem)
+        self._go_on(problem, attached=True)
         return own
 
     def detach(self, name: str) -> None:
@@ -189,16 +189,44 @@ class Simulator:
         InputError
             If there is none of that name, or the problem was not built from a `Scene`.
         """
-        self._switch(released(self._given, self.q, name))
+        self._go_on(released(self._given, self.q, name), attached=False)
 
-    def _switch(self, problem: Problem) -> None:
+    def switch(self, connections: Mapping[str, bool]) -> None:
+        """Switch connections of the scene on, an impact as `attach`, or off, as `detach`.
+
+        What is switched on holds the bodies as they are now: point and axis stay where the first body has them. The
+        states are those of `simulate(switch=)`.
+
+        Parameters
+        ----------
+        connections : dict of str to bool
+            Whether each is on from now on; the others stay as they are.
+
+        Raises
+        ------
+        InputError
+            If there is none of a name, a value is no bool, or the problem was not built from a `Scene`.
+
+        Notes
+        -----
+        The problem is built again; see `attach`.
+        """
+        if not isinstance(connections, Mapping):
+            raise InputError(f"connections must be a dict of bool by name; got {shown(connections)}")
+        wanted = {name: boolean(on, f"connection {shown(name)}") for name, on in connections.items()}
+        scene = self._given.scene
+        present = {} if scene is None else {one.name: one.active for one in scene.items.connections}
+        changed = {name: on for name, on in wanted.items() if on is not present.get(name)}
+        if changed:
+            self._go_on(switched(self._given, self.t, self.q, changed), attached=any(changed.values()))
+
+    def _go_on(self, problem: Problem, *, attached: bool) -> None:
         """Go on with a problem of other connections, from the present state."""
-        q, v, t = self.q.copy(), self.v.copy(), self.t
-        start = problem.at(q, problem.system.tangent(q, v), t)
+        q, v, done = self.q.copy(), self.v.copy(), self._stepper.done
+        start = problem.at(q, problem.system.tangent(q, v) if attached else v, self.t)
         checked_for(problem, self._scheme)
         self._take(start)
-        self._stepper.begin(start)
-        self._t0 = t
+        self._stepper.begin(start, self._t0, done)
 
     @property
     def contacts(self) -> tuple[Contact, ...]:
@@ -224,11 +252,12 @@ class _PythonStepper:
         self._scheme, self._h = scheme, h
         self.q, self.v = problem.q0.copy(), problem.v0.copy()
 
-    def begin(self, problem: Problem) -> None:
-        """Go to the initial state of a problem."""
+    def begin(self, problem: Problem, t0: float, done: int = 0) -> None:
+        """Go to the initial state of a problem, the one after `done` steps from t0 on."""
         projector = projector_of(problem, self._scheme, None, None, None, self._h)[0]
-        self._t0, self._last, self.done = problem.t0, initial_step(problem, projector), 0
-        self._steps = steps_from(problem, self._scheme, self._h, projector, self._last)
+        self._t0, self._last, self.done = t0, initial_step(problem, projector), done
+        stepped = problem.at(problem.q0, problem.v0, t0) if done else problem
+        self._steps = steps_from(stepped, self._scheme, self._h, projector, self._last, done)
         self.q[:], self.v[:] = self._last.q, self._last.v
 
     def take(self, last: int) -> None:
@@ -255,10 +284,12 @@ class _CompiledStepper:
         # no states are recorded
         self._none = np.zeros((1, len(self.q))), np.zeros((1, len(self.v)))
 
-    def begin(self, problem: Problem) -> None:
-        """Go to the initial state of a problem."""
-        self._run.start(self._own.problem.at(problem.q0, problem.v0, problem.t0))
+    def begin(self, problem: Problem, t0: float, done: int = 0) -> None:
+        """Go to the initial state of a problem, the one after `done` steps from t0 on."""
+        self._run.start(self._own.problem.at(problem.q0, problem.v0, problem.t0), done)
         self._run.initial_step()
+        if done:
+            self._run.problem = self._run.problem.at(problem.q0, problem.v0, t0)
 
     @property
     def done(self) -> int:

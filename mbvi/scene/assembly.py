@@ -285,12 +285,12 @@ def start_picture(items: SceneItems) -> str:
 
 def assemble(
     items: SceneItems, reduce: tuple[str, ...] = DEFAULT_REDUCTIONS, resolve: bool = False, start: Start | None = None,
-    at: Array | None = None,
+    at: Array | None = None, t0: float = 0.0,
 ) -> Problem:  # fmt: skip
     """Return the Problem of a scene, with the named kinds of what it does not need left out.
 
     `resolve` moves a start that overlaps; `start` is one that was moved before. `at`, shape (nq,), is the configuration
-    of a run instead, which may penetrate.
+    of a run instead, which may penetrate, at the time t0 [s].
 
     Raises
     ------
@@ -340,6 +340,7 @@ def assemble(
         v0,
         restitution=items.restitution,
         energy_cap=items.energy_cap,
+        t0=t0,
         length=blocks.length,
         scene=scene,
     )

@@ -140,6 +140,8 @@ class ConnectionItem:
         Of a hinge: the least and the largest angle of the second body about the axis, zero at the start [rad].
     stiffness, rest, damping, friction, control
         Of a hinge; see `Hinges`.
+    active : bool
+        Whether it holds; else it is switched off.
     """
 
     name: str
@@ -155,10 +157,11 @@ class ConnectionItem:
     damping: float = 0.0
     friction: float = 0.0
     control: Control | None = None
+    active: bool = True
 
     @property
     def acts(self) -> bool:
-        """Whether a torque acts about it, beside that of limits."""
+        """Whether a torque acts about it where it holds, beside that of limits."""
         return self.stiffness > 0.0 or self.damping > 0.0 or self.friction > 0.0 or self.control is not None
 
 
@@ -219,6 +222,11 @@ class SceneItems:
             *(c.name for c in self.couplings),
         }
 
+    @property
+    def active_connections(self) -> list[ConnectionItem]:
+        """The connections that are not switched off."""
+        return [c for c in self.connections if c.active]
+
     def links_acted_on(self) -> set[str]:
         """Return the names of the links and bodies that forces and connections act on."""
         sides = {name for c in self.connections for name in (c.first, c.second)}
@@ -265,6 +273,8 @@ class SceneItems:
 
     def leave_out(self, first: str, second: str, why: str) -> None:
         """Let all shapes of two bodies or links pass through each other, because a connection of a name demands it."""
+        if "world" in (first, second):
+            return
         links = self.shapes_of_links()
         sides = [links.get(name) or [name] for name in (first, second)]
         pairs = {frozenset((a, b)) for a in sides[0] for b in sides[1] if self.can_meet(a, b)}

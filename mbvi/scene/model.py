@@ -18,6 +18,7 @@ from .items import ConnectionItem
 from .named_state import named_state
 from .plane import axes_of, check_same_plane
 from .reductions import Omission, savings
+from .state import Places
 
 if TYPE_CHECKING:
     from ..geometry.motion import Motion
@@ -107,9 +108,13 @@ class SceneModel:
 
     def state(self, problem: Problem, q: Any, v: Any) -> tuple[Array, Array]:
         """Return q and v of a problem with values given by name, shapes (nq,) and (nv,); see `Problem.state`."""
+        return named_state(problem, self.places(), q, v)
+
+    def places(self) -> Places:
+        """Return the places in q and v of everything that moves."""
         planar = self.items.plane is not None and "plane" in self.reduce
         axes = axes_of(self.items.plane) if planar and self.items.plane else None
-        return named_state(problem, places_of(self.items, axes, self.system), q, v)
+        return places_of(self.items, axes, self.system)
 
     def check_in_plane(self, problem: Problem, q: Array) -> None:
         """Raise `InputError` if a body of a planar scene lies outside the plane at a configuration."""
@@ -135,7 +140,10 @@ class SceneModel:
     def _equalities(self) -> list[str]:
         """Return in words what is connected and coupled."""
         kinds = {"point": "share a point", "hinge": "share a point and an axis", "weld": "are welded"}
-        found = [f"{c.name}: {c.first} and {c.second} {kinds[c.kind]}{_acting(c)}" for c in self.items.connections]
+        found = [
+            f"{c.name}: {c.first} and {c.second} {kinds[c.kind]}{_acting(c)}{'' if c.active else ', switched off'}"
+            for c in self.items.connections
+        ]
         return found + [str(c) for c in self.items.couplings]
 
     def report(self, problem: Problem) -> str:

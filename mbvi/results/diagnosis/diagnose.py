@@ -64,6 +64,8 @@ def diagnose(run: RunData, tolerance: float = 1e-3) -> Diagnosis:
     """Return the diagnosis of a run; see `Trajectory.diagnosis`."""
     if run.problem is None:
         raise InputError("this run carries no problem to look at; simulate it again, or build its problem by a Scene")
+    if run.record.switches:
+        raise InputError(f"{_switched(run)}: a diagnosis is of one problem; simulate without switch, from a state")
     if not (isinstance(tolerance, (int, float)) and 0.0 < tolerance < 1.0):
         raise InputError(f"tolerance must lie between 0 and 1; got {tolerance!r}")
     problem, system = run.problem, run.problem.system
@@ -138,10 +140,17 @@ def given_or_computed(run: RunData, diagnosis: Diagnosis | None) -> tuple[Diagno
         return diagnosis, ""
     if run.problem is None:
         return None, "the file of this run could not bring its problem back"
+    if run.record.switches:
+        return None, _switched(run)
     most = max((len(impact.constraints) for impact in run.impacts), default=0)
     if most > _MOST_AT_ONCE:
         return None, f"{most} constraints take part in one impact; give diagnosis=run.diagnosis(), which may take long"
     return diagnose(run), ""
+
+
+def _switched(run: RunData) -> str:
+    """Return in words that connections were switched."""
+    return f"connections were switched, first at t = {run.record.switches[0].time:.6g} s"
 
 
 def _gains_by_friction(impact: Impact) -> bool:

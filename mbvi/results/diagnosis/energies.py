@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ...errors import InputError
 from ...problem import Problem
-from ..run_data import Array, RunData
+from ..run_data import Array, RunData, Switch, by_problem
 
 # differences of configurations that count as rounding; a longer interval than this many steps holds several of them
 _ROUNDING, _SAME_STEP = 1e-12, 1.5
@@ -14,7 +16,9 @@ _ROUNDING, _SAME_STEP = 1e-12, 1.5
 _INSTANT = 1e-6
 
 
-def energies(problem: Problem, t: Array, q: Array, v: Array, h: float, jump: float = 1.0) -> Array:
+def energies(
+    problem: Problem, t: Array, q: Array, v: Array, h: float, jump: float = 1.0, switches: Sequence[Switch] = ()
+) -> Array:
     """Return kinetic and potential energy of each state, shape (n, 2) [J]; see `Trajectory.energies`.
 
     Parameters
@@ -27,13 +31,19 @@ def energies(problem: Problem, t: Array, q: Array, v: Array, h: float, jump: flo
         Time step [s].
     jump : float
         Share of the step after which the velocity jumps.
+    switches : sequence of Switch
+        Those of the run.
     """
-    system, values = problem.system, np.empty((len(t), 2))
-    for i, (ti, qi, vi) in enumerate(zip(t, q, v, strict=True)):
-        # nothing moved before the start
-        shift = (jump - 0.5) * h if ti > problem.t0 else max(jump - 0.5, 0.0) * h
-        middle = system.integrate(qi, shift * vi)
-        values[i] = system.kinetic_energy(middle, vi), system.potential_energy(float(ti) + shift, middle)
+    values = np.empty((len(t), 2))
+    # nothing moved with the velocity of a state before the start, and before bodies were attached there
+    begins = [problem.t0, *(one.time for one in switches)]
+    for part, which in by_problem(problem, switches, t):
+        system = part.system
+        for i in which.tolist():
+            ti, qi, vi = float(t[i]), q[i], v[i]
+            shift = max(jump - 0.5, 0.0) * h if ti <= begins[0] or ti in begins else (jump - 0.5) * h
+            middle = system.integrate(qi, shift * vi)
+            values[i] = system.kinetic_energy(middle, vi), system.potential_energy(ti + shift, middle)
     return values
 
 
@@ -49,7 +59,7 @@ def energies_of_states(run: RunData) -> Array:
         return run.record.energies.copy()
     if run.problem is None:
         raise InputError("this file holds neither energies nor a problem to compute them from")
-    return energies(run.problem, run.t, run.q, run.v, run.step, run.record.timing.jump)
+    return energies(run.problem, run.t, run.q, run.v, run.step, run.record.timing.jump, run.record.switches)
 
 
 def energies_of_run(run: RunData) -> Array:
@@ -112,11 +122,12 @@ def projection_energies(run: RunData) -> Array:
         raise InputError("this file holds no problem, which the energy of position projections needs")
     if (np.diff(run.t) > _SAME_STEP * run.step).any():
         raise InputError("the energy of position projections needs every step: simulate without every=")
-    system, jump = run.problem.system, run.record.timing.jump
-    for i in range(1, len(run.t)):
-        h = float(run.t[i] - run.t[i - 1])
-        acted = system.integrate(run.q[i - 1], jump * h * run.v[i - 1])
-        added[i] = energy_of_projection(run.problem, float(run.t[i]), acted, run.q[i], run.v[i], (1.0 - jump) * h)
+    jump, arriving = run.record.timing.jump, run.arriving
+    for problem, which in run.by_problem(run.t[:-1]):
+        for i in (which + 1).tolist():
+            h = float(run.t[i] - run.t[i - 1])
+            acted = problem.system.integrate(run.q[i - 1], jump * h * run.v[i - 1])
+            added[i] = energy_of_projection(problem, float(run.t[i]), acted, run.q[i], arriving[i], (1.0 - jump) * h)
     return added
 
 
@@ -127,7 +138,7 @@ def end_energies(run: RunData) -> tuple[float, float] | None:
         both = run.record.energies[ends]
     elif run.problem is not None and len(run.t):
         jump = run.record.timing.jump
-        both = energies(run.problem, run.t[ends], run.q[ends], run.v[ends], run.step, jump)
+        both = energies(run.problem, run.t[ends], run.q[ends], run.v[ends], run.step, jump, run.record.switches)
     else:
         return None
     return float(both[0].sum()), float(both[1].sum())

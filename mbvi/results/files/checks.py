@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from ...errors import TrajectoryFileError
 from ...scene.saved.description import CONSTRAINTS_BY_HAND, describe
 from ...schemes import EventDriven
 from ..diagnosis.energies import energies
-from ..run_data import Array
+from ..run_data import Array, Switch
 from .metadata import Metadata, ProblemData
 
 if TYPE_CHECKING:
@@ -56,7 +57,9 @@ def check_states(states: dict[str, Array], dense: Array | None, metadata: Metada
                 raise TrajectoryFileError("q holds a rotation that is not of unit length")
 
 
-def check_impacts(impacts: dict[str, Array], t: Array, metadata: Metadata, problem: Problem | None) -> None:
+def check_impacts(
+    impacts: dict[str, Array], t: Array, metadata: Metadata, problem: Problem | None, switches: Sequence[Switch] = ()
+) -> None:
     """Raise `TrajectoryFileError` unless these can be the impacts of a run with states at t."""
     instant, n = impacts["instant"], len(impacts["instant"])
     for name, values in impacts.items():
@@ -78,13 +81,15 @@ def check_impacts(impacts: dict[str, Array], t: Array, metadata: Metadata, probl
     time, slack = impacts["time"], 1e-9 * max(abs(t[0]), abs(t[-1]), metadata.step)
     if (np.diff(time) < 0.0).any() or time[0] < t[0] or (metadata.complete and time[-1] > t[-1] + slack):
         raise TrajectoryFileError("the times of its impacts do not ascend within those of its states")
-    _check_places(impacts, "impacts", problem)
+    _check_places(impacts, "impacts", problem, switches)
     _check_friction(impacts, "impacts", problem)
     if (np.abs(impacts.get("e_used", np.zeros(1)) - 0.5) > 0.5).any():
         raise TrajectoryFileError("impacts/e_used holds numbers outside [0, 1]")
 
 
-def check_contacts(contacts: dict[str, Array], t: Array, problem: Problem | None) -> None:
+def check_contacts(
+    contacts: dict[str, Array], t: Array, problem: Problem | None, switches: Sequence[Switch] = ()
+) -> None:
     """Raise `TrajectoryFileError` unless these can be the contacts of a run with states at t."""
     interval, percussion = contacts["interval"], contacts["percussion"]
     for name, values in contacts.items():
@@ -98,7 +103,7 @@ def check_contacts(contacts: dict[str, Array], t: Array, problem: Problem | None
         raise TrajectoryFileError("contacts/percussion holds numbers that are negative or not finite")
     if (np.diff(t)[interval - 1] == 0.0).any():
         raise TrajectoryFileError("contacts/interval names an interval that takes no time")
-    _check_places(contacts, "contacts", problem)
+    _check_places(contacts, "contacts", problem, switches)
     _check_friction(contacts, "contacts", problem)
 
 
@@ -117,7 +122,7 @@ def _check_friction(rows: dict[str, Array], table: str, problem: Problem | None)
         raise TrajectoryFileError(f"{table}/regime holds other words than stick, slip and open")
 
 
-def _check_places(rows: dict[str, Array], table: str, problem: Problem | None) -> None:
+def _check_places(rows: dict[str, Array], table: str, problem: Problem | None, switches: Sequence[Switch]) -> None:
     """Raise unless points, normals and names of some rows can be those of contacts of the problem."""
     point, normal = np.isnan(rows["point"]), np.isnan(rows["normal"])
     whole = (point.all(axis=1) & normal.all(axis=1)) | ~(point.any(axis=1) | normal.any(axis=1))
@@ -126,12 +131,16 @@ def _check_places(rows: dict[str, Array], table: str, problem: Problem | None) -
         raise TrajectoryFileError(f"{table} hold contact points that are not finite, or normals not of length 1")
     names = {name.decode() for name in set(rows["constraint"].tolist())}
     if problem is not None and CONSTRAINTS_BY_HAND not in problem.not_kept:
-        unknown = sorted(names - _constraint_names(problem, names))
+        problems = [problem, *(one.problem for one in switches if one.problem is not None)]
+        known = set().union(*(_constraint_names(one, names) for one in problems))
+        unknown = sorted(names - known - {name for one in switches for name in one.connections})
         if unknown:
             raise TrajectoryFileError(f"{table} name {unknown[0]!r}, which its problem does not have")
 
 
-def check_problem(problem: Problem, kept: ProblemData, states: dict[str, Array], metadata: Metadata) -> None:
+def check_problem(
+    problem: Problem, kept: ProblemData, states: dict[str, Array], metadata: Metadata, switches: Sequence[Switch] = ()
+) -> None:
     """Raise `TrajectoryFileError` unless the problem is that of the states and was read without loss."""
     data = json.loads(kept.scene)
     if list(problem.system.bodies[1:]) != data["order_of_q_and_v"]:
@@ -140,6 +149,7 @@ def check_problem(problem: Problem, kept: ProblemData, states: dict[str, Array],
         raise TrajectoryFileError("its first state is not that of its problem")
     active = problem.constraints.active(kept.t0, kept.q0, problem.tolerance)
     alone = not len(active.gap) and CONSTRAINTS_BY_HAND not in problem.not_kept
+    alone = alone and not (switches and switches[0].time == kept.t0)
     if states["v"][0].tobytes() != kept.v0.tobytes() and alone:
         raise TrajectoryFileError("its first velocity is not that of its problem, and nothing touches at the start")
     for group in problem.system.unit_groups():
@@ -158,7 +168,7 @@ def check_problem(problem: Problem, kept: ProblemData, states: dict[str, Array],
         largest = [int(np.abs(states[name]).max(axis=1).argmax()) for name in ("q", "v", "energy")]
         some = np.unique([*np.linspace(0, len(found) - 1, _STATES).astype(int), *largest])
         t, q, v = (states[name][some] for name in ("t", "q", "v"))
-        again = energies(problem, t, q, v, metadata.step, metadata.jump)
+        again = energies(problem, t, q, v, metadata.step, metadata.jump, switches)
         weight = np.abs(problem.system.force(float(t[0]), q[0], np.zeros_like(v[0]))).sum() * problem.length
         scale = np.median(np.abs(again).sum(axis=1)) + weight
         # written so that a NaN is refused too

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from time import perf_counter
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Protocol
@@ -15,8 +16,9 @@ from ...schemes import SCHEMES, SchemeBase, Timing
 from ...schemes.event_driven.runge_kutta import DEGREE
 from ..contacts import ContactLog, ContactTable
 from ..diagnosis.energies import energies, energies_of_states
-from ..run_data import Array, Impact, RunData
+from ..run_data import Array, Impact, RunData, Switch
 from .metadata import Metadata, ProblemData
+from .switches import texts_of
 from .writing import RunFile
 
 if TYPE_CHECKING:
@@ -46,6 +48,13 @@ class Recording(Protocol):
     impacts: list[Impact]
     notes: list[str]
     contacts: ContactLog | None
+
+    @property
+    def switches(self) -> Sequence[Switch]:
+        """Connections that were switched so far."""
+
+    def name(self, constraint: int) -> str:
+        """Return the name of a constraint of `contacts`."""
 
     @property
     def count(self) -> int:
@@ -109,14 +118,16 @@ class Writer:
         part, impacts = slice(file.states, r.count), r.impacts[file.impacts :]
         states = {name: np.asarray(getattr(r, name)[part]) for name in _RECORDED} if part.start < part.stop else {}
         if states:
-            states["energy"] = energies(self._problem, states["t"], states["q"], states["v"], self._h, r.timing.jump)
+            t, q, v = (states[name] for name in ("t", "q", "v"))
+            states["energy"] = energies(self._problem, t, q, v, self._h, r.timing.jump, r.switches)
             self._energies.append(states["energy"])
         dense = None if r.dense is None else np.array(r.dense[max(part.start - 1, 0) : max(part.stop - 1, 0)])
-        file.append(states, impacts, dense, r.notes, self._contacts(part.start, part.stop))
+        contacts = self._contacts(part.start, part.stop)
+        file.append(states, impacts, dense, r.notes, contacts, texts_of(r.switches))
 
     def _contacts(self, first: int, end: int) -> ContactTable | None:
         log = self._recorder.contacts
-        return None if log is None else log.piece(self._problem.constraints.name, first, end)
+        return None if log is None else log.piece(self._recorder.name, first, end)
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -127,7 +138,7 @@ class Writer:
             if error is None:
                 self._flush()
                 r = self._recorder
-                recorded = {name: np.asarray(getattr(r, name)) for name in _RECORDED}
+                recorded = {name: np.asarray(getattr(r, name)[: r.count]) for name in _RECORDED}
                 recorded["energy"] = np.concatenate(self._energies)
                 if r.dense is not None:
                     recorded["dense"] = np.array(r.dense).reshape(-1, 2, self._problem.system.nv, DEGREE)
@@ -152,7 +163,7 @@ def save(run: RunData, path: str | os.PathLike[str]) -> None:
         sizes = _sizes(run.q.shape[1], run.v.shape[1], record.dense)
         given, friction = record.contacts is not None, _frictional(run)
         with RunFile(path, metadata, sizes, contacts=given, friction=friction, resistance=_resisting(run)) as file:
-            file.append(recorded, run.impacts, record.dense, run.notes, record.contacts)
+            file.append(recorded, run.impacts, record.dense, run.notes, record.contacts, texts_of(record.switches))
             if record.dense is not None:
                 recorded["dense"] = record.dense
             file.finish(recorded, run.impacts, record.contacts, complete=run.complete)

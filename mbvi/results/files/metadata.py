@@ -69,6 +69,8 @@ class Metadata:
         Those of the run.
     old : bool
         Whether the file is of the format without checksums.
+    switches : tuple of str
+        Connections that were switched; see `switches.texts_of`.
     """
 
     scheme: str
@@ -79,10 +81,13 @@ class Metadata:
     complete: bool = False
     notes: tuple[str, ...] = field(default=())
     old: bool = False
+    switches: tuple[str, ...] = field(default=())
 
     def digest(self, columns: Sums, problem: str) -> str:
         """Return a digest of all of it and of the columns; `problem` is the digest of the problem."""
         said = [self.scheme, self.options, self.step.hex(), self.jump.hex(), self.complete, self.notes, problem]
+        # earlier versions had none
+        said += [self.switches] if self.switches else []
         return _hash(json.dumps([said, columns], sort_keys=True).encode())
 
     def write(self, file: h5py.File) -> None:
@@ -102,11 +107,12 @@ class Metadata:
         group.attrs.update({"t0": given.t0, "length": given.length})
 
     def write_state(self, file: h5py.File, columns: Sums, problem: str) -> None:
-        """Write whether the run is complete, its notes, and the digest."""
+        """Write whether the run is complete, its notes and switches, and the digest."""
         if bool(file.attrs.get("complete", not self.complete)) != self.complete:
             file.attrs["complete"] = self.complete
-        if "notes" not in file.attrs or tuple(file.attrs["notes"]) != self.notes:
-            file.attrs.create("notes", np.array(self.notes, dtype=object), dtype=h5py.string_dtype())
+        for name, texts in (("notes", self.notes), ("switches", self.switches)):
+            if (name == "notes" or texts) and (name not in file.attrs or tuple(file.attrs[name]) != texts):
+                file.attrs.create(name, np.array(texts, dtype=object), dtype=h5py.string_dtype())
         file.attrs["digest"] = np.bytes_(self.digest(columns, problem))
 
 
@@ -137,6 +143,7 @@ def read_metadata(file: h5py.File) -> Metadata:
         _flag(attrs, "complete"),
         _texts(attrs, "notes"),
         old,
+        _texts(attrs, "switches") if "switches" in attrs else (),
     )
 
 

@@ -37,6 +37,7 @@ from .columns import (
     read_column,
 )
 from .metadata import Metadata, ProblemData, check_digest, read_metadata
+from .switches import switches_of, with_problems
 from .verification import opened
 
 if TYPE_CHECKING:
@@ -98,7 +99,9 @@ def load(
         return run
     if control is not None or force is not None:
         problem = _problem(kept, given_again(control, force, kept.scene, where))
-        run = replace(run, problem=problem)
+        assert problem is not None
+        switches = with_problems(problem, run.record.switches)
+        run = replace(run, problem=problem, record=replace(run.record, switches=switches))
     return _named(run, where)
 
 
@@ -135,11 +138,14 @@ def _read(path: str) -> tuple[Trajectory, ProblemData | None]:
         notes = _noted(notes, _NO_TORQUES)
     scheme = _scheme(metadata)
     check_states(states, dense, metadata, problem)
-    check_impacts(impacts, states["t"], metadata, problem)
+    switches = switches_of(metadata.switches, states["t"], (states["q"].shape[1], states["v"].shape[1]))
+    if problem is not None:
+        switches = with_problems(problem, switches)
+    check_impacts(impacts, states["t"], metadata, problem, switches)
     if contacts is not None:
-        check_contacts(contacts, states["t"], problem)
+        check_contacts(contacts, states["t"], problem, switches)
     if problem is not None and kept is not None:
-        check_problem(problem, kept, states, metadata)
+        check_problem(problem, kept, states, metadata, switches)
     t, q, v, penetration, residual = (states[n] for n in ("t", "q", "v", "penetration", "residual"))
     run = Trajectory(
         t,
@@ -160,6 +166,7 @@ def _read(path: str) -> tuple[Trajectory, ProblemData | None]:
             states["energy"] if len(states["energy"]) else None,
             None if contacts is None else _contacts(contacts, len(t)),
             states[_LIMITS],
+            switches=switches,
         ),
     )
     return run, kept

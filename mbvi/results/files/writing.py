@@ -127,11 +127,12 @@ class RunFile:
         dense: Array | None = None,
         notes: Any = (),
         contacts: ContactTable | None = None,
+        switches: Sequence[str] = (),
     ) -> None:
         """Append states and impacts, and commit them, in pieces so that a disk that fills up keeps what it can.
 
         `dense` has a row less than there are states when these are the first; `contacts` are those of the intervals
-        that end at the states.
+        that end at the states. `notes` and `switches` are all so far.
         """
         t = states.get("t", np.zeros(0))
         row = sum(values[:1].nbytes for values in states.values()) + (0 if dense is None else dense[:1].nbytes)
@@ -159,7 +160,7 @@ class RunFile:
                     append_rows(self._file["contacts"], columns, rows, self._sums)
                 self.states += stop - start
                 self.impacts += len(now)
-                self._metadata = replace(self._metadata, notes=tuple(notes))
+                self._metadata = replace(self._metadata, notes=tuple(notes), switches=tuple(switches))
                 self._commit()
             start, left = stop, left[len(now) :]
 

@@ -231,14 +231,16 @@ def _closed(table: Any, i: int) -> Array:
 def connection_marks(run: PlayableRun) -> list[PlacedShape]:
     """Return a ball of radius 1 m at each connection, on a body that moves.
 
-    It is at the common point; a weld has none, and is marked at the origin of its second body.
+    It is at the common point; a weld has none, and is marked at the origin of its second body. Connections that are
+    switched in the run have no ball.
     """
     assert run.problem is not None
     system, found = run.problem.system, list[PlacedShape]()
+    switched = {name for one in run.record.switches for name in one.connections}
     whole = [(system.whole, 0)] if system.whole is not None else []
     for part, before in whole or [(part.system, part.body) for part in system.located_parts()]:
         for one in part.equalities:
-            if not isinstance(one, PointRows):
+            if not isinstance(one, PointRows) or one.name in switched:
                 continue
             body, point = (one.second, one.points[0, 3:]) if one.second else (one.first, one.points[0, :3])
             if len(one.normals) == _WELD and one.second:

@@ -120,7 +120,8 @@ def page_of(run: PlayableRun, shapes: str = "visual", speed: float = 1.0) -> Pag
         "frictional": scene.items.frictional, "driven": moves.driven, "names": _names(moves, every),
         "groups": [group.data() for group in groups],
         "marks": packed(marks(run, moves, length).astype(np.float32)), "crowded": crowded(run, moves),
-        "impacts": packed(_instants(run)), "couplings": [str(c) for c in scene.items.couplings],
+        "impacts": packed(_instants(run)),
+        "couplings": [*map(str, scene.items.couplings), *map(str, run.record.switches)],
         **_colors(run, moves),
     }  # fmt: skip
     return page

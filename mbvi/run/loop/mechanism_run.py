@@ -124,9 +124,9 @@ class MechanismRun:
         # the last step, or its place in the log
         self._last: Step | int = 0
 
-    def start(self, problem: Problem) -> None:
-        """Begin another run: nothing is known of its projections yet."""
-        self.problem, self._patience, self._since, self.done = problem, Patience(), 1, 0
+    def start(self, problem: Problem, done: int = 0) -> None:
+        """Begin another run, after `done` steps: nothing is known of its projections yet."""
+        self.problem, self._patience, self._since, self.done = problem, Patience(), done + 1, done
         self._made: Projector | None = None
 
     @property

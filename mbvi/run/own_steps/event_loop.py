@@ -35,6 +35,7 @@ class _EventRecorder:
 
     # the timing that files and energies use
     timing = EventDriven.timing
+    switches = ()
 
     def __init__(self, problem: Problem, every: int, notes: Sequence[str], contacts: ContactLog | None = None) -> None:
         self._problem, self._every = problem, every
@@ -52,6 +53,10 @@ class _EventRecorder:
         self._since, self._worst = 0, 0.0
         self._first: RungeKuttaStep | None = None
         self._last: tuple[RungeKuttaStep, float, Array, Array, Array] | None = None
+
+    def name(self, constraint: int) -> str:
+        """Return the name of a constraint."""
+        return self._problem.constraints.name(constraint)
 
     @property
     def count(self) -> int:
@@ -151,7 +156,7 @@ class _EventRecorder:
                 scheme,
                 self.timing,
                 np.array(self.dense[: n - 1]).reshape(-1, 2, self._problem.system.nv, DEGREE),
-                contacts=None if self.contacts is None else self.contacts.table(self._problem.constraints.name, n),
+                contacts=None if self.contacts is None else self.contacts.table(self.name, n),
                 limit_violation=np.array(self.limit_violation[:n]),
             ),
         )

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ...arguments import between, finite, function, not_negative, printable, shown, vector
+from ...arguments import between, boolean, finite, function, not_negative, printable, shown, vector
 from ...errors import InputError
 from ...geometry.shapes.shapes import Array
 from ...system.mechanisms.articulated import Control
@@ -26,7 +26,9 @@ class Connections:
 
     _items: SceneItems
 
-    def connect(self, first: str, second: str, at: Sequence[float] | Array, name: str | None = None) -> str:
+    def connect(
+        self, first: str, second: str, at: Sequence[float] | Array, name: str | None = None, *, active: bool = True
+    ) -> str:
         """Let two bodies share a point, as a ball joint does; they no longer collide with each other.
 
         Parameters
@@ -38,6 +40,8 @@ class Connections:
             The point, in the world, where the scene starts [m].
         name : str, optional
             "connection", then numbered, by default.
+        active : bool
+            Whether it holds at the start. Else `simulate(switch=)` or `Simulator.switch` switches it on.
 
         Returns
         -------
@@ -53,7 +57,8 @@ class Connections:
         -----
         The equality c(q) = 0 holds at the end of every step to rounding, and through impacts: docs/theory/loops.md.
         """
-        return self._add_connection("point", first, second, name, "connection", vector(at, "at"), None)
+        place = vector(at, "at")
+        return self._add_connection("point", first, second, name, "connection", place, None, active=active)
 
     def hinge(
         self,
@@ -69,10 +74,12 @@ class Connections:
         damping: float = 0.0,
         friction: float = 0.0,
         control: Control | None = None,
+        active: bool = True,
     ) -> str:
         """Let two bodies share a point and an axis through it, about which they turn; the rest as `connect`.
 
-        Angles are those of the second body about the axis, counted from the start, within -pi and pi.
+        Angles are those of the second body about the axis, counted from the start, or from where it was switched on,
+        within -pi and pi.
 
         Parameters
         ----------
@@ -104,11 +111,13 @@ class Connections:
             "control": None if control is None else function(control, "control", "control(t, q, v) -> tau"),
         }
         place, own = vector(at, "at"), direction / length
-        return self._add_connection("hinge", first, second, name, "hinge", place, own, limits=bounds, **acting)
+        return self._add_connection(
+            "hinge", first, second, name, "hinge", place, own, limits=bounds, active=active, **acting
+        )
 
-    def weld(self, first: str, second: str, name: str | None = None) -> str:
+    def weld(self, first: str, second: str, name: str | None = None, *, active: bool = True) -> str:
         """Keep two bodies as they are to each other where the scene starts; the rest as `connect`."""
-        return self._add_connection("weld", first, second, name, "weld", None, None)
+        return self._add_connection("weld", first, second, name, "weld", None, None, active=active)
 
     def couple(self, first: str, second: str, ratio: float = 1.0, offset: float = 0.0, name: str | None = None) -> str:
         """Couple two joints: the position of the first is `ratio` times that of the second plus `offset`.
@@ -154,17 +163,18 @@ class Connections:
 
     def _add_connection(
         self, kind: str, first: str, second: str, name: str | None, default: str, at: Array | None, axis: Array | None,
-        **more: Any,
+        *, active: bool, **more: Any,
     ) -> str:  # fmt: skip
+        active = boolean(active, "active")
         moves = [self._checked_side(side) for side in (first, second)]
         if first == second or not any(moves):
             why = "is one body" if first == second else "do not move"
             raise InputError(f"{first} and {second} {why}: there is nothing to connect")
         own = self._items.new_name(name, default)
-        item = ConnectionItem(own, kind, first, second, at, axis, **more)
+        item = ConnectionItem(own, kind, first, second, at, axis, active=active, **more)
         fitted_control(item)
         self._items.connections.append(item)
-        if "world" not in (first, second):
+        if active:
             self._items.leave_out(first, second, own)
         return own
 

@@ -61,6 +61,16 @@ def frames_by_name(item: ConnectionItem, first: Side, second: Side) -> tuple[Arr
     return one, other
 
 
+def frames_as_they_are(item: ConnectionItem, start: tuple[Side, Side], now: tuple[Side, Side]) -> tuple[Array, Array]:
+    """Return the frames of a connection that holds both sides as they are now.
+
+    Its frame stays where its first side has it, which is known `now` or, of a point in the world, at the `start`.
+    """
+    first = frames_by_name(item, *start)[0] if item.frames is None else item.frames[0]
+    common = _composed(_composed(now[0].pose, now[0].frame), first)
+    return first, _seen_from(_composed(now[1].pose, now[1].frame), common)
+
+
 def frames_of(item: ConnectionItem, first: Side, second: Side) -> list[Array]:
     """Return the frame of a connection in each of its bodies, shapes (4, 3)."""
     if item.frames is not None:
@@ -186,10 +196,11 @@ def equalities_between(
     """
     parts, sides = located_parts(system), sides_at(items, system, frames, shapes, q)
     check_spheres(items, sides)
-    points = [point_rows(one, sides[one.first], sides[one.second]) for one in items.connections]
+    active = items.active_connections
+    points = [point_rows(one, sides[one.first], sides[one.second]) for one in active]
     first_body, first_velocity = [p.body for p in parts], [p.v for p in parts]
     within, between = dict[int, list[Equality]](), list[Equality]()
-    for one, rows in zip(items.connections, points, strict=True):
+    for one, rows in zip(active, points, strict=True):
         if one.acts:
             between.append(rows)
             continue

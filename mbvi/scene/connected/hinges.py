@@ -26,7 +26,7 @@ def hinge_limits(
 
     The other arguments are those of `equalities_between`; `lever` makes a length of an angle [m/rad].
     """
-    limited = [(one, one.limits) for one in items.connections if one.limits is not None]
+    limited = [(one, one.limits) for one in items.active_connections if one.limits is not None]
     if not limited:
         return []
     angles = _angles([one for one, _ in limited], sides_at(items, system, frames, shapes, q))
@@ -38,7 +38,7 @@ def acting_hinges(
     items: SceneItems, system: System, frames: Mapping[str, PlacedShape], shapes: Sequence[PlacedShape], q: Array
 ) -> Hinges | None:
     """Return the hinges of a scene with torques of their own, None if there are none; see `equalities_between`."""
-    acting = [one for one in items.connections if one.acts]
+    acting = [one for one in items.active_connections if one.acts]
     if not acting:
         return None
     angles = _angles(acting, sides_at(items, system, frames, shapes, q))

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from ...arguments import printable, shown
 from ...errors import InputError
@@ -16,7 +18,7 @@ from ..blocks import blocks_of
 from ..items import ConnectionItem, SceneItems
 from ..model import SceneModel
 from .connections import Connections
-from .equalities import frames_by_name, sides_at
+from .equalities import frames_as_they_are, frames_by_name, sides_at
 
 if TYPE_CHECKING:
     from ...problem import Problem
@@ -78,9 +80,38 @@ def released(problem: Problem, q: Array, name: str) -> Problem:
     if printable(name, "the name of a connection") not in known:
         raise InputError(f"{shown(name)} is no connection; known are {', '.join(known) or 'none'}")
     del items.connections[known.index(name)]
-    others = set().union(*(pairs for other, pairs in items.left_out.items() if other != name))
-    items.excluded -= items.left_out.pop(name, set()) - others
+    _let_meet(items, name)
     return _built(problem, model, items, q)
+
+
+def switched(problem: Problem, t: float, q: Array, connections: Mapping[str, bool]) -> Problem:
+    """Return the problem at (t, q) with connections of its scene switched on, as the bodies are there, or off.
+
+    Raises
+    ------
+    InputError
+        If there is none of a name, or the problem has no scene.
+    """
+    model, items = _own_items(problem, "switch")
+    known = {item.name: k for k, item in enumerate(items.connections)}
+    blocks = blocks_of(items, model.reduce)
+    start, now = (
+        sides_at(items, blocks.system, blocks.frames, blocks.shapes, place) for place in (np.concatenate(blocks.q0), q)
+    )
+    for name, on in connections.items():
+        if printable(name, "the name of a connection") not in known:
+            raise InputError(f"{shown(name)} is no connection of the scene; known are {', '.join(known) or 'none'}")
+        item = items.connections[known[name]]
+        if on == item.active:
+            continue
+        if on:
+            sides = [(one[item.first], one[item.second]) for one in (start, now)]
+            item = replace(item, at=None, axis=None, frames=frames_as_they_are(item, *sides))
+            items.leave_out(item.first, item.second, name)
+        else:
+            _let_meet(items, name)
+        items.connections[known[name]] = replace(item, active=on)
+    return _built(problem, model, items, q, t)
 
 
 def _own_items(problem: Problem, what: str) -> tuple[SceneModel, SceneItems]:
@@ -94,6 +125,12 @@ def _own_items(problem: Problem, what: str) -> tuple[SceneModel, SceneItems]:
     return model, items
 
 
+def _let_meet(items: SceneItems, name: str) -> None:
+    """Let shapes collide again that a connection has left out."""
+    others = set().union(*(pairs for other, pairs in items.left_out.items() if other != name))
+    items.excluded -= items.left_out.pop(name, set()) - others
+
+
 def _as_at(model: SceneModel, items: SceneItems, q: Array) -> ConnectionItem:
     """Return the last connection with the frames that it has where the bodies are at q."""
     # the model has the frames of those links only that were connected before
@@ -103,11 +140,12 @@ def _as_at(model: SceneModel, items: SceneItems, q: Array) -> ConnectionItem:
     return replace(item, at=None, axis=None, frames=frames)
 
 
-def _built(problem: Problem, model: SceneModel, items: SceneItems, q: Array) -> Problem:
-    """Return the problem of some items at q, with the controls that act in another one."""
-    new = assemble(items, model.reduce, at=q.copy())
+def _built(problem: Problem, model: SceneModel, items: SceneItems, q: Array, t: float = 0.0) -> Problem:
+    """Return the problem of some items at (t, q), with the controls that act in another one."""
+    new = assemble(items, model.reduce, at=q.copy(), t0=t)
     for before, part in zip(parts_of(problem.system), parts_of(new.system), strict=True):
         if isinstance(before, ArticulatedSystem) and isinstance(part, ArticulatedSystem):
             # the same object: its inputs stay as they are, and the problem's own `ctrl` goes on setting them
             part.set_control(before.control)
+    new.not_kept = problem.not_kept
     return new

@@ -513,20 +513,20 @@ CALLS: dict[str, Call] = {
     ),
     "Scene.connect": Call(
         lambda **given: _controlled().connect(**given),
-        lambda: {"first": "hopper/trunk", "second": "ball", "at": (5.0, 0.0, 1.0), "name": "rope"},
+        lambda: {"first": "hopper/trunk", "second": "ball", "at": (5.0, 0.0, 1.0), "name": "rope", "active": False},
     ),
     "Scene.hinge": Call(
         _acted("hinge"),
         lambda: {
             "first": "world", "second": "hopper/trunk", "at": (0, 0, 1), "axis": (0, 1, 0), "name": "door",
             "limits": (-1, 1), "stiffness": 2.0, "rest": 0.1, "damping": 0.3, "friction": 0.4,
-            "control": lambda t, q, v: np.zeros(1),
+            "control": lambda t, q, v: np.zeros(1), "active": True,
         },
         _runs,
     ),
     "Scene.weld": Call(
         lambda **given: _controlled().weld(**given),
-        lambda: {"first": "world", "second": "hopper/trunk", "name": "clamp"},
+        lambda: {"first": "world", "second": "hopper/trunk", "name": "clamp", "active": False},
     ),
     "Scene.couple": Call(
         lambda **given: _controlled().couple(**given),
@@ -563,7 +563,7 @@ CALLS: dict[str, Call] = {
         lambda: {
             "problem": scene().build(), "scheme": mbvi.Paoli(), "duration": 3e-3, "step": 1e-3, "every": 2,
             "residual": 1e-6, "depth": None, "solver": mbvi.ProxQP(), "out": "run.h5", "progress": False,
-            "record": "contacts",
+            "record": "contacts", "switch": lambda state: {},
         },
         lambda made: made.energy(),
     ),
@@ -598,6 +598,7 @@ CALLS: dict[str, Call] = {
         },
     ),
     "Simulator.detach": Call(lambda **given: _clamped().detach(**given), lambda: {"name": "clamp"}),
+    "Simulator.switch": Call(lambda **given: _clamped().switch(**given), lambda: {"connections": {"clamp": False}}),
     "Simulator.step": Call(lambda **given: _simulator().step(**given), lambda: {"n": 2}),
     "ConstantTorque": Call(mbvi.ConstantTorque, lambda: {"torque": [0.1, 0.2]}, _acts),
     "PDControl": Call(
