@@ -1,24 +1,21 @@
 """The compiled loops of runs."""
 
-from importlib import import_module
-
 import pytest
 
+from mbvi.run import fixed_steps
 from mbvi.run.loop import compiled_loop
 
 
 @pytest.fixture
 def loops(monkeypatch):
     """The loops of the runs of a test."""
-    # the package's `simulate` is the function
-    simulate, made = import_module("mbvi.run.simulate"), []
-    build = simulate.compiled_loop
+    made, build = [], fixed_steps.compiled_loop
 
     def keep(*arguments):
         made.append(build(*arguments))
         return made[-1]
 
-    monkeypatch.setattr(simulate, "compiled_loop", keep)
+    monkeypatch.setattr(fixed_steps, "compiled_loop", keep)
     return made
 
 

@@ -2,7 +2,6 @@
 
 import pickle
 import signal
-from importlib import import_module
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +9,7 @@ import pytest
 
 import mbvi
 from mbvi.constraints.mechanism.tables import copy_row
+from mbvi.run import fixed_steps
 from mbvi.run.accuracy import projector_of
 from mbvi.run.loop import compiled_loop
 from mbvi.run.loop.compiled_loop import Patience
@@ -43,8 +43,6 @@ from support.loop_arguments import (
 from support.paths import ROBOTS, real_robot
 from support.robot_problems import OWN, built_once, problem_of
 
-# the package's `simulate` is the function
-SIMULATE = import_module("mbvi.run.simulate")
 STEP = 1e-3
 SCHEMES = [mbvi.Paoli(), mbvi.MoreauJean(), mbvi.Centered(), mbvi.Centered(project_positions=True)]
 each_scheme = pytest.mark.parametrize("scheme", SCHEMES, ids=repr)
@@ -68,7 +66,7 @@ def copied(problem):
 def by_python(monkeypatch, problem, scheme, **options):
     """Run a copy of a problem without the loop."""
     with monkeypatch.context() as patched:
-        patched.setattr(SIMULATE, "compiled_loop", lambda *_: None)
+        patched.setattr(fixed_steps, "compiled_loop", lambda *_: None)
         return mbvi.simulate(copied(problem), scheme, progress=False, **options)
 
 
@@ -93,7 +91,7 @@ def steps_of_the_loop(problem, scheme, run):
     problem.system.start()
     projector, _ = projector_of(problem, scheme, None, None, None)
     recorder, guard = Recorder(problem, 2, scheme.timing), TunnellingGuard(problem, scheme, STEP)
-    loop = SIMULATE.compiled_loop(problem, scheme, projector, recorder, guard, STEP, 10**9, 10**9)
+    loop = fixed_steps.compiled_loop(problem, scheme, projector, recorder, guard, STEP, 10**9, 10**9)
     none = problem.constraints.active(run.t[0], run.q[0], problem.tolerance)
     for i in range(count):
         # a run leaves out attempts of the loop after several that took no step

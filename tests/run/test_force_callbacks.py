@@ -4,16 +4,15 @@ import os
 import signal
 import sys
 import threading
-from importlib import import_module
 
 import numpy as np
 import pytest
 
 import mbvi
+from mbvi.run import fixed_steps
 from mbvi.run.loop import compiled_loop
 from support.paths import ROBOTS
 
-SIMULATE = import_module("mbvi.run.simulate")
 STEP = 1e-3
 SCHEMES = [mbvi.Paoli(), mbvi.MoreauJean(), mbvi.Centered(), mbvi.Centered(project_positions=True)]
 each_scheme = pytest.mark.parametrize("scheme", SCHEMES, ids=repr)
@@ -74,7 +73,7 @@ def test_runs_are_those_of_the_python_step(name, scheme, loops, monkeypatch):
     problem, options = SCENES[name]().build(), {"step": STEP, "duration": 0.25, "progress": False}
     run = mbvi.simulate(problem, scheme, **options)
     assert loops[0].codes.any()
-    monkeypatch.setattr(SIMULATE, "compiled_loop", lambda *_: None)
+    monkeypatch.setattr(fixed_steps, "compiled_loop", lambda *_: None)
     other = mbvi.simulate(SCENES[name]().build(), scheme, **options)
     assert run.impacts
     assert len(run.impacts) == len(other.impacts)

@@ -3,18 +3,17 @@
 import importlib.util
 import inspect
 from functools import partial
-from importlib import import_module
 
 import numpy as np
 import pytest
 
 import mbvi
+from mbvi.run import fixed_steps
 from mbvi.run.loop import compiled_loop
 from mbvi.run.progress import Progress
 from support.loop_arguments import among_boxes, hopper, on_block, quadruped, swaying, two_hoppers
 from support.paths import EXAMPLES, ROBOTS, real_robot
 
-SIMULATE = import_module("mbvi.run.simulate")
 DEFAULT, PAOLI, PILES = mbvi.Centered(project_positions=True), mbvi.Paoli(), mbvi.StewartTrinkle()
 EVENTS = mbvi.EventDriven(1e-8)
 EVERY = 3
@@ -169,7 +168,7 @@ def test_recording_changes_no_byte(name, tmp_path):
 
 def by_python(problem, scheme, **options):
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(SIMULATE, "compiled_loop", lambda *_: None)
+        patched.setattr(fixed_steps, "compiled_loop", lambda *_: None)
         return mbvi.simulate(problem, scheme, progress=False, **options)
 
 
@@ -179,8 +178,8 @@ def by_python(problem, scheme, **options):
 @pytest.mark.parametrize("make", [hopper, swaying, on_block, two_hoppers, among_boxes])
 def test_contacts_of_the_loop_are_those_of_the_steps(make, mu, every, monkeypatch):
     """Of Paoli's scheme, of which the loop and the Python step agree: to the last bit for one robot."""
-    loops, build = [], SIMULATE.compiled_loop
-    monkeypatch.setattr(SIMULATE, "compiled_loop", lambda *given: loops.append(build(*given)) or loops[-1])
+    loops, build = [], fixed_steps.compiled_loop
+    monkeypatch.setattr(fixed_steps, "compiled_loop", lambda *given: loops.append(build(*given)) or loops[-1])
     problem, options = make(0.3, mu), {"step": 1e-3, "duration": 0.2505, "every": every, "record": "contacts"}
     run, other = mbvi.simulate(problem, PAOLI, progress=False, **options), by_python(problem, PAOLI, **options)
     assert loops[0].codes.sum() > 0

@@ -1,18 +1,16 @@
 """Torsional and rolling friction in the compiled loop: exact motions, what contacts record, and what it refuses."""
 
 import pickle
-from importlib import import_module
 
 import numpy as np
 import pytest
 
 import mbvi
+from mbvi.run import fixed_steps
 from mbvi.run.loop.step_loop import FULL
 from mbvi.schemes.kernels.records import DONE
 from support.loop_arguments import swaying
 
-# the package's `simulate` is the function
-SIMULATE = import_module("mbvi.run.simulate")
 G, R, M = 9.81, 0.1, 2.0
 INERTIA = 0.4 * M * R**2
 SCHEMES = [mbvi.Paoli(), mbvi.MoreauJean(), mbvi.Centered(), mbvi.Centered(project_positions=True)]
@@ -80,7 +78,7 @@ def test_contacts_and_impacts_are_those_of_the_python_step(loops, monkeypatch):
     problem, scheme = swaying(0.0, (0.6, 0.02, 0.005)), mbvi.Centered(project_positions=True)
     run = run_of(problem, scheme, 0.15, record="contacts")
     assert loops[0].codes[DONE] > 0
-    monkeypatch.setattr(SIMULATE, "compiled_loop", lambda *_: None)
+    monkeypatch.setattr(fixed_steps, "compiled_loop", lambda *_: None)
     other = run_of(pickle.loads(pickle.dumps(problem)), scheme, 0.15, record="contacts")
     scale = np.abs(other.contact_forces("quadruped")).max()
     np.testing.assert_allclose(

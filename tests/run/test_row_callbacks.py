@@ -1,15 +1,14 @@
 """Given constraints in the compiled loop: states are those of the Python step, errors reach the caller."""
 
 import signal
-from importlib import import_module
 
 import numpy as np
 import pytest
 
 import mbvi
+from mbvi.run import fixed_steps
 from support.paths import ROBOTS
 
-SIMULATE = import_module("mbvi.run.simulate")
 STEP = 1e-3
 SCHEMES = [
     mbvi.Paoli(), mbvi.MoreauJean(), mbvi.Centered(), mbvi.Centered(project_positions=True), mbvi.StewartTrinkle(),
@@ -68,7 +67,7 @@ def both(problem, scheme, loops, monkeypatch, duration=1.0):
     # `StewartTrinkle` leaves steps to Python that end on rows which it did not know
     assert loops[-1].codes[[1, 2, 3, 5]].tolist() == [0] * 4
     assert loops[-1].codes[4] <= 1
-    monkeypatch.setattr(SIMULATE, "compiled_loop", lambda *_: None)
+    monkeypatch.setattr(fixed_steps, "compiled_loop", lambda *_: None)
     return run, mbvi.simulate(problem, scheme, step=STEP, duration=duration, progress=False)
 
 

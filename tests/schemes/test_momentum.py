@@ -3,18 +3,16 @@
 Bodies of unequal moments of inertia that spin do so under `Centered`, in flight and while they are struck.
 """
 
-from importlib import import_module
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 import mbvi
+from mbvi.run import fixed_steps
 from mbvi.run.loop import compiled_loop
 from mbvi.system.free.free_momentum import keep_momentum
 from support.momentum import momentum
 
-SIMULATE = import_module("mbvi.run.simulate")
 PROJECTING = [scheme(project_positions=True) for scheme in (mbvi.Centered, mbvi.Paoli, mbvi.MoreauJean)]
 SCHEMES = [*PROJECTING, mbvi.Centered(), mbvi.Paoli()]
 OCTAHEDRON = "".join(f"v {x} {y} {z}\n" for x, y, z in 0.15 * np.concatenate([np.eye(3), -np.eye(3)]))
@@ -137,9 +135,9 @@ def test_elastic_bodies_that_spin_keep_their_energy(scheme, kind, tmp_path):
     "kinds", [("ball", "ball"), ("cube", "ball"), ("cube", "cube"), ("box", "box"), ("link", "box")], ids="-".join
 )
 def test_two_bodies_keep_both_momenta_in_the_compiled_loop(kinds, mu, monkeypatch, tmp_path):
-    made, build = [], SIMULATE.compiled_loop
+    made, build = [], fixed_steps.compiled_loop
     monkeypatch.setattr(compiled_loop, "LONG", 0)
-    monkeypatch.setattr(SIMULATE, "compiled_loop", lambda *args: made.append(build(*args)) or made[-1])
+    monkeypatch.setattr(fixed_steps, "compiled_loop", lambda *args: made.append(build(*args)) or made[-1])
     for seed in range(4):
         add = add_uneven if {"box", "link"} & set(kinds) else add_even
         problem = meeting(kinds, [0.0, 0.4][seed % 2], mu, np.random.default_rng([seed, 8]), tmp_path, add)
