@@ -289,7 +289,10 @@ class RunData:
         if dense is not None and self.problem is not None:
             dq, dv = (self.t[i + 1] - self.t[i]) * (dense[i] @ part ** np.arange(1, 1 + dense.shape[-1]))
             return self.problem.system.integrate(self.q[i], dq), self.v[i] + dv
-        v = (self.arriving[i + 1] if part >= self.record.timing.jump else self.v[i]).copy()
+        v = self.v[i + (part >= self.record.timing.jump)].copy()
+        if part >= self.record.timing.jump:
+            # before what is attached there
+            v = next((one.before.copy() for one in self.record.switches if one.time == self.t[i + 1]), v)
         if self.problem is None:
             return self.q[i] + part * (self.q[i + 1] - self.q[i]), v
         system = next(self.by_problem(np.array([t])))[0].system

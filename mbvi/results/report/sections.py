@@ -85,7 +85,8 @@ def rerun_section(run: RunData) -> str:
     """Return how to run it again, with a file of its start where the problem can be kept."""
     step = f", step={run.step:g}" if run.step else ""
     scheme = f"mbvi.{run.record.scheme!r}" if run.record.scheme is not None else f"mbvi.{run.scheme}()"
-    simulated = f"run = mbvi.simulate(problem, {scheme}{step}, duration={float(run.t[-1] - run.t[0]):g})"
+    switch = ", switch=..." if run.record.switches else ""
+    simulated = f"run = mbvi.simulate(problem, {scheme}{step}, duration={float(run.t[-1] - run.t[0]):g}{switch})"
     problem = run.problem
     if problem is None or problem.scene is None:
         code = f"import mbvi\n\nproblem = ...  # as in the program that made this run\n{simulated}"
@@ -104,8 +105,8 @@ def _start(run: RunData) -> bytes:
     """Return the file of a run that holds the problem and the first state only."""
     assert run.problem is not None
     depths = {name: getattr(run.record, name)[:1].copy() for name in ("penetration", "limit_violation")}
-    record = replace(run.record, energies=None, contacts=None, dense=None, **depths)
-    first = {name: getattr(run, name)[:1].copy() for name in ("t", "q", "v", "residual")}
+    record = replace(run.record, energies=None, contacts=None, dense=None, switches=(), **depths)
+    first = {name: getattr(run, name)[:1].copy() for name in ("t", "q", "residual")} | {"v": run.arriving[:1].copy()}
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "start.h5")
         save(replace(run, impacts=(), record=record, **first), path)
