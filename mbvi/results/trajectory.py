@@ -48,11 +48,11 @@ class Trajectory(Outputs):
     notes : tuple of str
         Notes on how to read the result.
     problem : Problem or None
-        The problem that was simulated; None where a file could not bring it back.
+        The problem that was simulated, with the connections of its start; None where a file could not bring it back.
     complete : bool
         Whether the run reached its end; False for the file of an interrupted run.
     record : RunRecord
-        The scheme object and its timing, dense output and recorded contacts.
+        The scheme object and its timing, dense output, recorded contacts, and `switches` of connections.
     """
 
     def __repr__(self) -> str:

@@ -107,7 +107,7 @@ class Simulator:
             self._take(given)
         start = given.at(given.q0 if q is None else q, given.v0 if v is None else v, given.t0 if t is None else t)
         self._stepper.begin(start, start.t0)
-        self._t0 = start.t0
+        self._t0, self._begun = start.t0, 0
         return self.q, self.v
 
     def step(self, n: int = 1) -> tuple[Array, Array]:
@@ -227,13 +227,15 @@ class Simulator:
         checked_for(problem, self._scheme)
         self._take(start)
         self._stepper.begin(start, self._t0, done)
+        self._begun = done
 
     @property
     def contacts(self) -> tuple[Contact, ...]:
         """The contacts with a percussion in the last step, as controls of a scene receive them."""
         step = self._stepper.last_step(self.t)
         rows = step.active
-        h = self._h if self._stepper.done else 0.0
+        # the law at the start and after a switch takes no time
+        h = self._h if self._stepper.done > self._begun else 0.0
         return contacts_of_rows(
             rows.constraint,
             step.percussion,

@@ -138,7 +138,8 @@ def _read(path: str) -> tuple[Trajectory, ProblemData | None]:
         notes = _noted(notes, _NO_TORQUES)
     scheme = _scheme(metadata)
     check_states(states, dense, metadata, problem)
-    switches = switches_of(metadata.switches, states["t"], (states["q"].shape[1], states["v"].shape[1]))
+    widths = states["q"].shape[1], states["v"].shape[1]
+    switches = switches_of(metadata.switches, states["t"], widths, metadata.complete)
     if problem is not None:
         switches = with_problems(problem, switches)
     check_impacts(impacts, states["t"], metadata, problem, switches)

@@ -29,8 +29,10 @@ def texts_of(switches: Sequence[Switch]) -> tuple[str, ...]:
     )
 
 
-def switches_of(texts: Sequence[str], t: Array, sizes: tuple[int, int]) -> tuple[Switch, ...]:
+def switches_of(texts: Sequence[str], t: Array, sizes: tuple[int, int], complete: bool) -> tuple[Switch, ...]:
     """Return the switches of a run with states at t, without their problems; `sizes` are nq and nv.
+
+    The file of a run that is not complete may have switches after its last state: they are left out.
 
     Raises
     ------
@@ -46,7 +48,8 @@ def switches_of(texts: Sequence[str], t: Array, sizes: tuple[int, int]) -> tuple
         named = isinstance(connections, dict) and all(isinstance(on, bool) for on in connections.values())
         if not whole or not named or not all(np.isfinite(values).all() for values in (q, before, after)):
             raise TrajectoryFileError("its switches have wrong shapes, or numbers that are not finite")
-        found.append(Switch(time, connections, q, before, after))
+        if complete or not len(t) or time <= t[-1]:
+            found.append(Switch(time, connections, q, before, after))
     times = [one.time for one in found]
     if (np.diff(times) <= 0.0).any() or not np.isin(times, t).all():
         raise TrajectoryFileError("the times of its switches do not ascend within those of its states")
