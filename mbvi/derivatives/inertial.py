@@ -85,7 +85,7 @@ class LinkInertia(Parameter):
         self._own = slice(10 * joint - 10, 10 * joint)
         self._q, self._v = slice(part.q, part.q + part.system.nq), slice(part.v, part.v + part.system.nv)
 
-    def add_force(self, q: Array, v: Array, a: Array, out: Array) -> None:
+    def add_force(self, t: float, q: Array, v: Array, a: Array, out: Array) -> None:
         Y = self._regressor.forces(q[self._q], v[self._v], a[self._v])
         out[self._v] += Y[:, self._own] @ self._by
 
@@ -141,7 +141,7 @@ class BodyInertia(Parameter):
             inertias[self._body] += _changes(change)
         return replaced_bodies(now, masses, inertias, now.gravity)
 
-    def add_force(self, q: Array, v: Array, a: Array, out: Array) -> None:
+    def add_force(self, t: float, q: Array, v: Array, a: Array, out: Array) -> None:
         # neither M nor g of bodies depends on q
         self._add(out, lambda system: system.metric(q).apply(a[self._v]) - system.force(0.0, q, v[self._v]))
 

@@ -13,6 +13,9 @@ from ..system.free.planar import PlanarBodies, PlanarSpheres
 from ..system.mechanisms.articulated import ArticulatedSystem
 from ..system.system import Array, System
 
+# what the size of a torque and of gravity accelerates by [lengths of the scene, or radians, per s^2]
+ACCELERATION = 10.0
+
 
 class Parameter:
     """A parameter p of a problem, of one column or more.
@@ -23,13 +26,16 @@ class Parameter:
         A variation of each column that is neither large nor small; positive.
     gaps : ndarray, shape (m, k), or float
         The derivatives of the gaps of all constraints by p; their gradients do not depend on p.
+    hides_control : bool
+        Whether `vary` puts another control in front of that of a robot, so that it must be varied last.
     """
 
     sizes: Array
     gaps: Array | float = 0.0
+    hides_control = False
 
-    def add_force(self, q: Array, v: Array, a: Array, out: Array) -> None:
-        """Add the derivatives of M a - g at constant (q, v, a) by p to `out`, shape (nv, k)."""
+    def add_force(self, t: float, q: Array, v: Array, a: Array, out: Array) -> None:
+        """Add the derivatives of M a - g at constant (t, q, v, a) by p to `out`, shape (nv, k)."""
 
     def add_percussion(self, q: Array, w: Array, out: Array) -> None:
         """Add the derivatives of M w at constant (q, w) by p to `out`, shape (nv, k)."""

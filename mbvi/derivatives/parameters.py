@@ -9,7 +9,6 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from ..arguments import shown
 from ..constraints import GapFunction
@@ -21,44 +20,16 @@ from ..system import System
 from ..system.free.bodies import FreeBodies, Spheres
 from ..system.mechanisms.articulated import ArticulatedSystem
 from ..system.system import Array, Part, located_parts
+from .controls import OF_CONTROL, OF_TORQUE, Gain, Torque, has_gain
 from .inertial import OF_CENTRE, OF_INERTIA, OF_MASS, BodyInertia, LinkInertia, Regressor
-from .parameter import Parameter, gravitation, replaced_mechanism, with_gravity
+from .parameter import ACCELERATION, Parameter, gravitation, with_gravity
 
-_GRAVITY, _TORQUE, _OFFSET = "gravity", "torque of ", "offset of "
-# what the size of a torque and of gravity accelerates by [lengths of the scene, or radians, per s^2]
-ACCELERATION = 10.0
+_GRAVITY, _OFFSET = "gravity", "offset of "
 # what names of parameters look like
-FORMS = ("mass of BODY", "centre of mass of BODY", "inertia of BODY", "torque of JOINT", "gravity", "offset of WALL")
-
-
-class Torque(Parameter):
-    """A constant torque that is added at a joint, a column for each of its velocities [N m, N].
-
-    Parameters
-    ----------
-    part : Part
-        The mechanism.
-    own : slice
-        The joint's velocities among those of the mechanism.
-    sizes : ndarray, shape (k,)
-        See `Parameter`.
-    """
-
-    def __init__(self, part: Part, own: slice, sizes: Array) -> None:
-        self._part, self._own, self.sizes = part, own, sizes
-
-    def add_force(self, q: Array, v: Array, a: Array, out: Array) -> None:
-        np.fill_diagonal(out[self._part.v + self._own.start :], -1.0)
-
-    def vary(self, replaced: dict[int, Any], change: Array) -> None:
-        now = replaced.get(id(self._part.system), self._part.system)
-        torque = np.zeros(now.nv)
-        torque[self._own] = change
-        replaced[id(self._part.system)] = replaced_mechanism(now, now.model, _pushed(now.control, torque))
-
-
-def _pushed(control: Callable[[float, Array, Array], Array] | None, torque: Array) -> Any:
-    return (lambda t, q, v: torque) if control is None else (lambda t, q, v: control(t, q, v) + torque)
+FORMS = (
+    "mass of BODY", "centre of mass of BODY", "inertia of BODY", "torque of JOINT", "control stiffness of JOINT",
+    "control damping of JOINT", "control target of JOINT", "gravity", "offset of WALL",
+)  # fmt: skip
 
 
 class Gravity(Parameter):
@@ -75,7 +46,7 @@ class Gravity(Parameter):
         self.sizes = np.full(3, ACCELERATION * problem.length)
         self._weights = [gravitation(part.system) for part in self._parts]
 
-    def add_force(self, q: Array, v: Array, a: Array, out: Array) -> None:
+    def add_force(self, t: float, q: Array, v: Array, a: Array, out: Array) -> None:
         for part, weight in zip(self._parts, self._weights, strict=True):
             out[part.v : part.v + part.system.nv] -= weight(q[part.q : part.q + part.system.nq])
 
@@ -133,9 +104,9 @@ class Parameters:
         self.count: int = ends[-1]
         self.sizes = np.concatenate([np.zeros(0), *(one.sizes for one in self._each)])
 
-    def accelerations(self, q: Array, v: Array, a: Array) -> Array:
+    def accelerations(self, t: float, q: Array, v: Array, a: Array) -> Array:
         """Return the derivatives of the acceleration a without contacts, shape (nv, count), at constant forces."""
-        return self._solved(q, lambda one, out: one.add_force(q, v, a, out))
+        return self._solved(q, lambda one, out: one.add_force(t, q, v, a, out))
 
     def jumps(self, q: Array, w: Array) -> Array:
         """Return the derivatives of a jump w of velocities, shape (nv, count), at a constant percussion."""
@@ -154,7 +125,8 @@ class Parameters:
     def varied(self, problem: Problem, change: Array) -> Problem:
         """Return a problem of its own with other values of the parameters."""
         replaced: dict[int, Any] = {}
-        for one, columns in zip(self._each, self._columns, strict=True):
+        pairs = zip(self._each, self._columns, strict=True)
+        for one, columns in sorted(pairs, key=lambda pair: pair[0].hides_control):
             if change[columns].any():
                 one.vary(replaced, change[columns])
         # a copy refers to what is replaced wherever the problem refers to the original
@@ -173,13 +145,15 @@ def parameter(problem: Problem, name: str, regressors: dict[int, Regressor]) -> 
         return Gravity(problem)
     if name.startswith(_OFFSET):
         return _offset(problem, name.removeprefix(_OFFSET))
-    kind = next((one for one in (OF_MASS, OF_CENTRE, OF_INERTIA, _TORQUE) if name.startswith(one)), None)
+    kind = next((one for one in (OF_MASS, OF_CENTRE, OF_INERTIA, OF_TORQUE, *OF_CONTROL) if name.startswith(one)), None)
     if kind is None:
         return None
     part, body = _found(problem, name.removeprefix(kind), kind)
     if isinstance(part.system, ArticulatedSystem):
-        if kind == _TORQUE:
-            return _torque(problem, part, body)
+        if kind == OF_TORQUE:
+            return Torque(problem, part, body)
+        if kind in OF_CONTROL:
+            return Gain(problem, part, body, kind)
         return LinkInertia(part, body, kind, problem.length, regressors.setdefault(part.v, Regressor(part.system)))
     return BodyInertia(part, body - 1, kind)
 
@@ -193,25 +167,17 @@ def _found(problem: Problem, name: str, kind: str) -> tuple[Part, int]:
     known: dict[str, tuple[Part, int]] = {}
     for part in located_parts(problem.system):
         own = part.system
-        if (
-            isinstance(own, ArticulatedSystem)
-            or (isinstance(own, FreeBodies) and kind in (OF_MASS, OF_INERTIA))
-            or (isinstance(own, Spheres) and kind == OF_MASS)
-        ):
-            known.update({body: (part, k + 1) for k, body in enumerate(own.bodies[1:])})
+        for k, body in enumerate(own.bodies[1:]):
+            if (
+                (isinstance(own, ArticulatedSystem) and (kind not in OF_CONTROL or has_gain(own, k + 1, kind)))
+                or (isinstance(own, FreeBodies) and kind in (OF_MASS, OF_INERTIA))
+                or (isinstance(own, Spheres) and kind == OF_MASS)
+            ):
+                known[body] = part, k + 1
     if name not in known:
         listed = ", ".join(known) or "nothing"
         raise InputError(f"wrt holds {shown(kind + name)}; what has one is {listed}")
     return known[name]
-
-
-def _torque(problem: Problem, part: Part, joint: int) -> Torque:
-    model: pin.Model = part.system.model
-    own = slice(model.idx_vs[joint], model.idx_vs[joint] + model.nvs[joint])
-    here = problem.q0[part.q : part.q + part.system.nq]
-    reached = np.abs(np.asarray(part.system.metric(here).solve_rows(np.eye(part.system.nv)[own])))
-    lengths = np.where(part.system.are_lengths(), problem.length, 1.0)
-    return Torque(part, own, ACCELERATION / (reached / lengths).max(axis=1))
 
 
 def _offset(problem: Problem, name: str) -> Offset:

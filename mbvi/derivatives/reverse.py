@@ -40,8 +40,8 @@ class Reverse(Variation):
         super().__init__(problem, tolerance, every)
         self._given = varied
         self._varies_start = bool(varied.start.any() or varied.by_gap.any())
-        # matrices of impacts, shape (2 nv, 2 nv + p), and steps with the rows that are closed in them
-        self._tape: list[Array | tuple[RungeKuttaStep, Array]] = []
+        # matrices of impacts, shape (2 nv, 2 nv + p), and steps with the rows that are closed in them, and their kinks
+        self._tape: list[Array | tuple[RungeKuttaStep, Array, list[float]]] = []
 
     def _begin_step(self, t: float, q: Array, v: Array, integrator: Followed) -> None:
         self._X = self._basis
@@ -50,7 +50,7 @@ class Reverse(Variation):
             self._tape.append(self._X)
 
     def _smooth(self, step: RungeKuttaStep) -> None:
-        self._tape.append((step, self._closed))
+        self._tape.append((step, self._closed, self.kinks(step)))
 
     def gradient(self, row: Array) -> Array:
         """Return the gradient, shape (p,), of a number whose derivative by the state at the end is given, (2 nv,)."""
@@ -65,7 +65,7 @@ class Reverse(Variation):
                 y = self._back(y, *part)
         return np.asarray(self._given.start.T @ (y[:n] / units) + y[n:]) / self._given.sizes
 
-    def _back(self, y: Array, step: RungeKuttaStep, closed: Array) -> Array:
+    def _back(self, y: Array, step: RungeKuttaStep, closed: Array, kinks: list[float]) -> Array:
         """Return the derivatives at the start of a step."""
         n, units, by_p = len(self._linear.units), self._linear.units, self._given.by_p
 
@@ -76,4 +76,5 @@ class Reverse(Variation):
         def applied(matrices: Array, y: Array) -> Array:
             return matrices @ (y[..., :n, :] / units[:, None])
 
-        return self.integrated(step, matrices, applied, y[:, None], 0.0)[:, 0]
+        ends = [0.0, *(1.0 - share for share in reversed(kinks)), 1.0]
+        return self.integrated(step, ends, matrices, applied, y[:, None], 0.0)[:, 0]

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from copy import deepcopy
+from itertools import pairwise
 from typing import NoReturn
 
 import numpy as np
@@ -208,7 +209,13 @@ class Variation:
         def applied(matrices: Array, X: Array) -> Array:
             return matrices[..., : len(units)] @ X + matrices[..., len(units) :]
 
-        self._X = units * self.integrated(step, matrices, applied, self._X / units, self._least)
+        ends = [0.0, *self.kinks(step), 1.0]
+        self._X = units * self.integrated(step, ends, matrices, applied, self._X / units, self._least)
+
+    def kinks(self, step: RungeKuttaStep) -> list[float]:
+        """Return the shares of a step, ascending, at which `rates` jump."""
+        # a step of order two does not feel them
+        return [] if self.approximate else self._linear.kinks(step)
 
     def rates(self, step: RungeKuttaStep, shares: Array, closed: Array) -> Array:
         """Return `Linearised.matrix` at some shares of a step, one after the other."""
@@ -220,17 +227,20 @@ class Variation:
     def integrated(
         self,
         step: RungeKuttaStep,
+        ends: Sequence[float],
         matrices: Callable[[Array], Array],
         applied: Callable[[Array, Array], Array],
         X: Array,
         least: Array | float,
     ) -> Array:
-        """Return X after a step that is taken in as many equal parts as its error needs.
+        """Return X after some stretches of a step, each taken in as many equal parts as its error needs.
 
         Parameters
         ----------
         step : RungeKuttaStep
             The step.
+        ends : sequence of float
+            The shares of it at which stretches begin and end, ascending; matrices are smooth within each.
         matrices : callable
             matrices(shares) -> array, shape (k, a, b): what depends on the time.
         applied : callable
@@ -240,33 +250,38 @@ class Variation:
         least : ndarray, shape (p,), or float
             Entries of each column up to this are small.
         """
-        if self.approximate:
-            middle = matrices(np.array([0.5]))[0]
-            return X + step.h * applied(middle, X + 0.5 * step.h * applied(middle, X))
-        parts, found = 1, None
-        while found is None and parts <= _MOST_PARTS:
-            found = self._parts(step.h / parts, parts, matrices, applied, X, least)
-            parts *= 2
-        if found is None:
-            self._refuse("the variations change too fast to be integrated", NO_ROWS, step.t)
-        return found
+        for first, last in pairwise(ends):
+            length = last - first
+            if self.approximate:
+                h, middle = length * step.h, matrices(np.array([first + 0.5 * length]))[0]
+                X = X + h * applied(middle, X + 0.5 * h * applied(middle, X))
+                continue
+            parts, found = 1, None
+            while found is None and parts <= _MOST_PARTS:
+                shares = first + length * (np.arange(parts)[:, None] + self._nodes) / parts
+                found = self._parts(length * step.h / parts, shares, matrices, applied, X, least)
+                parts *= 2
+            if found is None:
+                self._refuse("the variations change too fast to be integrated", NO_ROWS, step.t)
+            X = found
+        return X
 
     def _parts(
         self,
         h: float,
-        parts: int,
+        shares: Array,
         matrices: Callable[[Array], Array],
         applied: Callable[[Array, Array], Array],
         X: Array,
         least: Array | float,
     ) -> Array | None:
-        """Return X after some equal parts of length h; None if the error is too large."""
+        """Return X after some parts of length h, of whose nodes `shares` are given; None if the error is too large."""
         # twice the same: with the matrices, and with those without the leading terms of their polynomials
         K = np.empty((len(self._c), 2, *X.shape))
         # the same numbers, one stage a row
         flat = K.reshape(len(K), -1)
-        for part in range(parts):
-            at_nodes = matrices((part + self._nodes) / parts)
+        for nodes in shares:
+            at_nodes = matrices(nodes)
             M = (self._interpolation @ at_nodes.reshape(_NODES, -1)).reshape(2, -1, *at_nodes.shape[1:])
             both = np.stack([X, X])
             for i in range(len(self._c)):

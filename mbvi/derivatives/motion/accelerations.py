@@ -8,13 +8,17 @@ from functools import partial
 import numpy as np
 import pinocchio as pin
 
+from ...compiled import plain_array
+from ...schemes.event_driven.runge_kutta import RungeKuttaStep
 from ...system import System
 from ...system.actuated import ActuatedSystem
 from ...system.free.bodies import FreeBodies, Spheres
 from ...system.free.planar import PlanarBodies
+from ...system.joint_forces import add_row_forces
 from ...system.mechanisms.articulated import ArticulatedSystem
 from ...system.system import Array, Part, located_parts
 from .differences import along, along_both
+from .tracking import Tracking, follows
 
 # (q, w) -> derivative of M w by q at a constant w, shape (nv, nv)
 Momenta = Callable[[Array, Array], Array]
@@ -35,7 +39,10 @@ class Accelerations:
 
     def __init__(self, system: System, steps: Array) -> None:
         self._system, self._steps = system, steps
-        self._parts = [(part, _jacobian(part, steps[_columns(part)])) for part in located_parts(system)]
+        self._tracking = {part.v: Tracking(part) for part in located_parts(system) if follows(part.system)}
+        self._parts = [
+            (part, _jacobian(part, steps[_columns(part)], part.v in self._tracking)) for part in located_parts(system)
+        ]
         self._momenta = [(part, _momenta(part.system, steps[_columns(part)])) for part, _ in self._parts]
 
     def jacobian(self, t: float, q: Array, v: Array, force: Array) -> Array:
@@ -53,7 +60,16 @@ class Accelerations:
             m = part.system.nv
             out[own, own] += found[:, :m]
             out[own, n + own.start : n + own.stop] += found[:, m:]
+        if self._tracking:
+            slopes = np.zeros((n, 2 * n))
+            for one in self._tracking.values():
+                one.add_slopes(t, q, v, slopes)
+            out += system.metric(q).solve_rows(np.ascontiguousarray(slopes.T)).T
         return out
+
+    def kinks(self, step: RungeKuttaStep) -> list[float]:
+        """Return the shares of a step, ascending, at which derivatives jump: torques of controls have kinks there."""
+        return sorted({share for one in self._tracking.values() for share in one.kinks(step)})
 
     def momenta(self, q: Array, w: Array) -> Array:
         """Return the derivative of M w by q at a constant w, shape (nv, nv)."""
@@ -76,11 +92,11 @@ def _loaded(system: ActuatedSystem, t: float, q: Array, v: Array) -> Array:
     return total
 
 
-def _jacobian(part: Part, steps: Array) -> Jacobian:
-    """Return what computes the derivatives of one part."""
+def _jacobian(part: Part, steps: Array, tracks: bool) -> Jacobian:
+    """Return what computes the derivatives of one part, without those of the torque of a `Tracking`."""
     system = part.system
     if isinstance(system, ArticulatedSystem):
-        return partial(_of_mechanism, system, system.model.createData(), steps)
+        return partial(_of_mechanism, system, system.model.createData(), steps, system.controlled and not tracks)
     if isinstance(system, Spheres | PlanarBodies):
         return lambda t, q, v, force: np.zeros((len(v), 2 * len(v)))
     if isinstance(system, FreeBodies):
@@ -123,17 +139,32 @@ def _of_bodies(system: FreeBodies, t: float, q: Array, v: Array, force: Array) -
 
 
 def _of_mechanism(
-    system: ArticulatedSystem, data: pin.Data, steps: Array, t: float, q: Array, v: Array, force: Array
+    system: ArticulatedSystem,
+    data: pin.Data,
+    steps: Array,
+    controlled: bool,
+    t: float,
+    q: Array,
+    v: Array,
+    force: Array,
 ) -> Array:
-    """Pinocchio's analytical derivatives, with differences of what controls and springs do."""
+    """Pinocchio's analytical derivatives, with differences of what springs and, where `controlled`, a control do."""
     torque = system.torque(t, q, v) - system.damping * v + force
     pin.computeABADerivatives(system.model, data, q, v, torque)
     out = np.hstack([data.ddq_dq, data.ddq_dv])
-    if not (system.damping.any() or system.controlled or system.springs):
+    if not (system.damping.any() or controlled or system.springs):
         return out
     upper = np.triu(data.Minv)
     inverse = upper + np.triu(upper, 1).T
     out[:, len(v) :] -= inverse * system.damping
-    if system.controlled or system.springs:
-        out += inverse @ along_both(partial(system.torque, t), system, q, v, steps)
+    if controlled or system.springs:
+        acting = partial(system.torque, t) if controlled else partial(_of_springs, system)
+        out += inverse @ along_both(acting, system, q, v, steps)
     return out
+
+
+def _of_springs(system: ArticulatedSystem, q: Array, v: Array) -> Array:
+    """Return the generalised force of springs, shape (nv,)."""
+    force = np.zeros(system.nv)
+    add_row_forces(system.spring_rows, 0, plain_array(q), plain_array(v), force)
+    return force

@@ -8,7 +8,7 @@ import numpy as np
 
 from ...problem import Problem
 from ...schemes.event_driven.contact_rows import SmoothRows
-from ...schemes.event_driven.runge_kutta import Flow, least_percussion
+from ...schemes.event_driven.runge_kutta import Flow, RungeKuttaStep, least_percussion
 from ...system.lengths import velocity_units
 from ...system.mechanisms.articulated import ArticulatedSystem
 from ...system.system import Array, System, located_parts
@@ -76,6 +76,10 @@ class Linearised:
         self._empty = np.zeros((2 * n, 2 * n + parameters.count))
         self._empty[:n, n : 2 * n] = np.eye(n)
 
+    def kinks(self, step: RungeKuttaStep) -> list[float]:
+        """Return the shares of a step, ascending, at which A jumps."""
+        return self._free.kinks(step)
+
     def matrix(self, t: float, q: Array, v: Array, closed: Array) -> Array:
         """Return A with the given rows kept closed, by the state and the parameters, shape (2 nv, 2 nv + m)."""
         n = len(v)
@@ -87,7 +91,7 @@ class Linearised:
             return A
         A[n:, : 2 * n] = self._free.jacobian(t, q, v, np.zeros(n))
         if self.parameters.count:
-            A[n:, 2 * n :] = self.parameters.accelerations(q, v, self.system.acceleration(t, q, v))
+            A[n:, 2 * n :] = self.parameters.accelerations(t, q, v, self.system.acceleration(t, q, v))
         return A
 
     def _held(self, t: float, q: Array, v: Array, closed: Array) -> Array:
@@ -101,7 +105,7 @@ class Linearised:
         # derivatives at constant contact forces, then of the forces, which keep J a + (dJ/dt) v zero
         out = self._free.jacobian(t, q, v, forces @ J)
         if self.parameters.count:
-            out = np.hstack([out, self.parameters.accelerations(q, v, a)])
+            out = np.hstack([out, self.parameters.accelerations(t, q, v, a)])
         gradients, bias_by_q = self.rows_by_q(t, q, v, closed)
         pushed = np.einsum("ijk,i->kj", gradients, forces)
         out[:, :n] += self.system.metric(q).solve_rows(pushed).T
