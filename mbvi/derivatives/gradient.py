@@ -1,4 +1,4 @@
-"""`gradient`: the derivative of one number at the end of a run, at a cost that hardly grows with the columns."""
+"""`gradient`: the derivative of one number that depends on a run, at a cost that hardly grows with the columns."""
 
 from __future__ import annotations
 
@@ -6,10 +6,14 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
-from ..arguments import array, finite, function
+import numpy as np
+
+from ..arguments import array, finite, function, optional, positive, shown
 from ..errors import InputError
 from ..problem import Problem
 from ..results.trajectory import Trajectory
+from ..run.interrupted import run_so_far
+from ..run.simulate import check_problem
 from ..schemes import EventDriven, Scheme
 from ..system.system import Array
 from .reverse import Reverse
@@ -18,7 +22,7 @@ from .sensitivity import followed
 
 @dataclass(frozen=True, eq=False)
 class Gradient:
-    """The gradient of a number at the end of a run.
+    """The gradient of a number that depends on the states of a run at some times.
 
     Attributes
     ----------
@@ -47,18 +51,23 @@ def gradient(
     step: float | None = None,
     wrt: Iterable[str] = ("state",),
     bodies: Iterable[str] | None = None,
+    times: Any = None,
 ) -> Gradient:
-    """Run a problem and differentiate one number at the end of the run, by one pass back over its steps and impacts.
+    """Run a problem and differentiate one number, by one pass back over the steps and impacts of the run.
 
     Parameters
     ----------
     problem : Problem
         The problem to run.
     of : callable
-        of(q, v) -> (number, row): the number at the end, and its derivatives by variations of q, which are tangent
-        vectors, then of v, shape (2 nv,).
+        of(q, v) -> (number, row): the number, of the state at the end, and its derivatives by variations of q, which
+        are tangent vectors, then of v, shape (2 nv,). With k times q and v have shapes (k, nq) and (k, nv), as
+        `run.at(times)` returns them, and the derivatives have (k, 2 nv), a row by the state at each time.
     scheme, duration, step, wrt, bodies
         As `sensitivity`.
+    times : array_like, shape (k,), optional
+        The times of the states on which the number depends, ascending [s], none at an impact; of fixed steps none
+        within the step of an impact. By default the end.
 
     Returns
     -------
@@ -68,18 +77,38 @@ def gradient(
     Raises
     ------
     InputError
-        As `sensitivity`; or if of returns something else than a finite number and as many more as there are rows.
+        As `sensitivity`; or if of returns something else than a finite number and as many more as there are rows, or
+        times do not ascend within the run.
     SensitivityError, UnsuitableError, DivergedError, ProjectionError
-        As `sensitivity`.
+        As `sensitivity`; also at a time of an impact.
 
     Notes
     -----
-    The result is row @ `sensitivity(...).matrix`, to the tolerance.
+    The result is row @ `sensitivity(...).matrix`, to the tolerance; with times the sum of these at all of them.
     """
     function(of, "of", "of(q, v) -> (number, row)")
+    chosen = optional(_times, times, problem, duration)
     run, reverse, varied = followed(problem, scheme, duration, step, wrt, bodies, Reverse)
-    found = of(run.q[-1].copy(), run.v[-1].copy())
+    state = run.q[-1].copy(), run.v[-1].copy()
+    if chosen is not None:
+        with run_so_far(lambda: run):
+            reverse.check_times(chosen, run)
+        # the last time of a run has the rounding of all its steps
+        state = run.at(chosen.clip(run.t[0], run.t[-1]))
+    found = of(*state)
     if not isinstance(found, tuple) or len(found) != 2:
         raise InputError("of must return a number and its derivatives, (number, row)")
-    row = array(found[1], "the row that of returns", (2 * problem.system.nv,))
-    return Gradient(run, finite(found[0], "the number that of returns"), reverse.gradient(row), varied.columns)
+    width = 2 * problem.system.nv
+    rows = array(found[1], "the row that of returns", (width,) if chosen is None else (len(chosen), width))
+    at = run.t[-1:] if chosen is None else chosen
+    slopes = reverse.gradient(at, rows.reshape(-1, width))
+    return Gradient(run, finite(found[0], "the number that of returns"), slopes, varied.columns)
+
+
+def _times(given: Any, problem: Problem, duration: float) -> Array:
+    """Return times that ascend within a run."""
+    check_problem(problem)
+    times, end = array(given, "times", ("k",)), problem.t0 + positive(duration, "duration")
+    if (np.diff(times) <= 0.0).any() or not problem.t0 <= times[0] <= times[-1] <= end:
+        raise InputError(f"times must ascend within the run, [{problem.t0:g}, {end:g}] s; got {shown(given)}")
+    return times

@@ -66,6 +66,72 @@ def test_some_joints_only_and_restitution_at_the_start():
             both(scene.build(), 0.05, wrt)
 
 
+def at_times(problem, scheme, duration, wrt, count, between, **given):
+    """The gradient of a number at several times, and what it must be, from matrices at these.
+
+    `between` are times between recorded states, at each of which a run of its own ends.
+    """
+    whole = mbvi.sensitivity(problem, scheme, duration=duration, wrt=wrt, **given)
+    struck = np.array([one.time for one in whole.run.impacts])
+    apart = np.abs(whole.run.t[:, None] - struck).min(axis=1) > 2 * given.get("step", 0.0) + 1e-6
+    chosen = np.flatnonzero(apart)[:: max(1, apart.sum() // count)]
+    matrices = {float(whole.run.t[k]): whole.matrices[k] for k in chosen}
+    for t in between:
+        matrices[t] = mbvi.sensitivity(problem, scheme, duration=t - problem.t0, wrt=wrt, **given).matrix
+    times = np.array(sorted(matrices))
+    rows = np.random.default_rng(1).normal(size=(len(times), 2 * problem.system.nv))
+    seen = []
+
+    def of(q, v):
+        seen.append((q, v))
+        return float((rows * np.hstack([v, v])).sum()), rows
+
+    found = mbvi.gradient(problem, of, scheme, duration=duration, wrt=wrt, times=times, **given)
+    assert all((one == other).all() for one, other in zip(seen[0], found.run.at(times), strict=True))
+    assert len(struck) > 0 and times[0] < struck[-1] < times[-1]
+    return found, sum(row @ matrices[t] for t, row in zip(times.tolist(), rows, strict=True))
+
+
+def test_a_sum_over_times():
+    """Through impacts, at recorded states, at the start, the end and in between."""
+    names = ["state", "restitution of box | floor", "mass of box", "inertia of box", "offset of floor"]
+    found, exact = at_times(bodies(), SCHEME, 0.3, names, 8, [0.05, 0.17])
+    for columns in found.columns.values():
+        assert np.abs((found.gradient - exact)[columns]).max() <= 1e-8 * max(np.abs(exact[columns]).max(), 1e-3)
+
+
+def test_a_sum_over_times_of_fixed_steps():
+    found, exact = at_times(bodies(), mbvi.Centered(), 0.3, ["state", "mass of box", "gravity"], 8, [], step=1e-3)
+    assert np.abs(found.gradient - exact).max() < 1e-10 * np.abs(exact).max()
+
+
+def test_one_time_is_the_end():
+    """To the byte: of fixed steps also where the end of the run is rounded."""
+    for scheme, given in ((SCHEME, {}), (mbvi.Paoli(), {"step": 1e-3})):
+        row = np.arange(24.0)
+        ends = {"duration": 0.3, "wrt": ["state", "mass of box"]} | given
+        whole = mbvi.gradient(bodies(), lambda q, v, row=row: (q[0], row), scheme, **ends)
+        last = mbvi.gradient(bodies(), lambda q, v, row=row: (q[0, 0], row[None]), scheme, times=[0.3], **ends)
+        assert last.gradient.tobytes() == whole.gradient.tobytes() and last.value == whole.value
+
+
+def test_times_that_are_none():
+    def of(q, v):
+        return q[0, 0], np.zeros((len(q), 24))
+
+    for times in ([0.2, 0.1], [0.1, 0.1], [-0.1], [0.4], [], 0.1, "end", [np.nan]):
+        with pytest.raises(mbvi.InputError, match="times"):
+            mbvi.gradient(bodies(), of, SCHEME, duration=0.3, times=times)
+    with pytest.raises(mbvi.InputError, match="row"):
+        mbvi.gradient(bodies(), lambda q, v: (0.0, np.zeros(24)), SCHEME, duration=0.3, times=[0.1, 0.2])
+    for scheme, given, off in ((mbvi.Centered(), {"step": 1e-3}, 5e-4), (SCHEME, {}, 1e-13)):
+        struck = mbvi.simulate(bodies(), scheme, duration=0.3, **given).impacts[0]
+        with pytest.raises(mbvi.SensitivityError, match="velocity jumps") as caught:
+            mbvi.gradient(bodies(), of, scheme, duration=0.3, times=[struck.time - off], **given)
+        assert caught.value.bodies == struck.constraints and caught.value.run.complete
+    mbvi.gradient(bodies(), of, SCHEME, duration=0.3, times=[struck.time - 1e-6, struck.time + 1e-6])
+
+
 def test_what_the_function_returns():
     for of in (lambda q, v: q[0], lambda q, v: (q[0], v), lambda q, v: (np.nan, np.zeros(24)), 3.0):
         with pytest.raises(mbvi.InputError, match=r"\bof\b"):
