@@ -11,6 +11,10 @@ G = 9.81
 # dropped from 1 m: fall, then two flights at 0.8 and 0.64 of the first speed
 THIRD_BOUNCE = np.sqrt(2 / G) * (1 + 2 * 0.8 + 2 * 0.64)
 NUMBERS = {
+    # the mark is 3 m to the wall and 1.2 m back at 0.8 of the speed, in 1.8 s
+    "bank_shot": ((3.0 + 1.2 / 0.8) / 1.8, 1e-8),
+    # the stiffness of the recording, to its noise: other noise finds 59.97 to 60.07
+    "find_gains": (60.0, 0.1),
     # the restitution of the recording, to the noise of its pictures
     "find_restitution": (0.83, 3e-4),
     # nearly all of 60 grains; how many pass before the arch forms depends on rounding
@@ -139,6 +143,12 @@ def test_the_deviations_of_a_fitted_restitution_are_those_of_many_recordings():
     off = np.array([(x - (example.E, example.DROP)) / sigma for x, sigma in fits])
     # their mean square is 1, up to what two dozen numbers tell
     assert 0.4 < np.mean(off**2) < 2.0 and np.abs(off).max() < 4
+
+
+def test_a_throw_is_aimed_in_a_third_of_the_runs_with_derivatives():
+    example = load("bank_shot")
+    (exact, runs), (other, more) = example.aim(), example.aim(derivatives=False)
+    assert exact == pytest.approx(other, abs=1e-5) and 3 * runs < more
 
 
 @pytest.mark.slow(seconds=6)

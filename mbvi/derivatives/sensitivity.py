@@ -118,6 +118,9 @@ def sensitivity(
         - "inertia of ball" [kg m^2] about the centre of mass, its entries xx, yy, zz, xy, xz, yz, 6 columns; in the
           axes of a free body, or of the joint's frame.
         - "torque of arm/elbow" [N m, N]: a constant torque that is added, a column for each velocity of the joint.
+        - "control stiffness of arm/elbow" [N m/rad, N/m], "control damping of arm/elbow" [N m s/rad, N s/m], "control
+          target of arm/elbow" [rad, m]: of a joint on which a `PDControl` has a gain; a target varies by as much at all
+          times of a trajectory. A torque at a limit does not vary.
         - "gravity" [m/s^2]: its acceleration along x, y and z, 3 columns.
         - "offset of floor" [m]: the place of a half-space along its normal; of a `GapFunction` by its name, whose f
           becomes less by it.
@@ -136,7 +139,8 @@ def sensitivity(
         Where the run has no derivative, with time, bodies and reason. Constraints that close at once and are not
         orthogonal in the kinetic metric; impacts slower than the root of the tolerance, relative to the speed of their
         bodies or to a length of the scene a second, and gaps that just miss such an impact; impacts that accumulate; a
-        run that starts or ends at an impact; by parameters also closed contacts that carry no force. Where mbvi does
+        run that starts or ends at an impact; by parameters also closed contacts that carry no force; a torque of
+        a `PDControl` that stays exactly at its limit. Where mbvi does
         not know it: another scheme, friction, loops and coupled joints, controls of the whole scene, polyhedra that
         touch each other.
     InputError

@@ -653,7 +653,7 @@ CALLS: dict[str, Call] = {
     "gradient": Call(
         mbvi.gradient,
         lambda: {
-            "problem": scene().build(), "of": lambda q, v: (q[0, 0], np.eye(1, 2 * v.shape[1])),
+            "problem": scene().build(), "of": lambda q, v: (q.sum(), np.concatenate([v, v], axis=-1)),
             "scheme": mbvi.Centered(), "duration": 0.01, "step": 1e-3, "wrt": ["state", "restitution"],
             "bodies": None, "times": [0.005],
         },
