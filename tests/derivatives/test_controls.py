@@ -79,10 +79,24 @@ def both_ways(problem, scheme, bound, **given):
     return found
 
 
-@pytest.mark.parametrize(("limit", "damping"), [(2.0, 0.4), (0.8, 0.4), (1.2, 0.0)])
-def test_everything_moved_together_moves_the_end_as_much(cart, limit, damping):
+TRAJECTORY = mbvi.PDControl(
+    [[0.5], [-0.6], [0.4]], 6.0, 0.5, v=[[0.0], [0.3], [0.0]], torque=[[0.0], [1.0], [0.5]], times=[0.3, 1.1, 2.9],
+    limit=2.0,
+)  # fmt: skip
+CONTROLS = {
+    **{
+        f"{limit} N, {d} N s/m": mbvi.PDControl([-0.35], 4.0, d, limit=limit)
+        for limit in (0.8, 2.0)
+        for d in (0.0, 0.4)
+    },
+    "trajectory": TRAJECTORY,
+}
+
+
+@pytest.mark.parametrize("name", CONTROLS)
+def test_everything_moved_together_moves_the_end_as_much(cart, name):
     """Start, target and wall: the torque reaches and leaves its limits at the same times, through impacts."""
-    problem = cart(mbvi.PDControl([-0.35], 4.0, damping, limit=limit))
+    problem = cart(CONTROLS[name])
     wrt = of_cart("state", "offset of wall")
     found = both_ways(problem, mbvi.EventDriven(1e-11), 1e-10, duration=4.0, wrt=wrt)
     agrees(found.matrix @ [1, 0, 1, 0, 0, 1], np.array([1.0, 0.0]))
@@ -112,11 +126,7 @@ def test_a_torque_that_leaves_its_limit(cart):
 
 @pytest.mark.slow(seconds=5)
 def test_a_trajectory_with_limits_against_differences(cart):
-    control = mbvi.PDControl(
-        [[0.5], [-0.6], [0.4]], 6.0, 0.5, v=[[0.0], [0.3], [0.0]], torque=[[0.0], [1.0], [0.5]],
-        times=[0.3, 1.1, 2.9], limit=2.0,
-    )  # fmt: skip
-    problem = cart(control, wall=True)
+    problem = cart(TRAJECTORY)
     wrt = of_cart("state", "torque of cart/slide", "mass of cart/slide")
     found = mbvi.sensitivity(problem, mbvi.EventDriven(1e-11), duration=4.0, wrt=wrt)
     assert found.run.impacts and found.check(1).error.max() < 1e-7
