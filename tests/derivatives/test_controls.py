@@ -4,6 +4,9 @@ import numpy as np
 import pytest
 
 import mbvi
+from mbvi.derivatives.motion.tracking import Tracking
+from mbvi.projection import Projector
+from mbvi.system.system import located_parts
 from support.derivatives import agrees, slopes
 
 OF = ("control stiffness of ", "control damping of ", "control target of ")
@@ -101,6 +104,27 @@ def test_everything_moved_together_moves_the_end_as_much(cart, name):
     found = both_ways(problem, mbvi.EventDriven(1e-11), 1e-10, duration=4.0, wrt=wrt)
     agrees(found.matrix @ [1, 0, 1, 0, 0, 1], np.array([1.0, 0.0]))
     assert np.abs(found.matrix[0, 2]) > 0.1
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_all_kinks_of_a_step_are_found(cart, seed):
+    """Of long steps, in which a trajectory has several pieces: the same as by many samples."""
+    rng = np.random.default_rng(seed)
+    times, places = np.linspace(0.05, 1.9, 14), rng.uniform(-0.5, 1.5, (14, 1))
+    control, free = (mbvi.PDControl(places, 6.0, 0.5, times=times, **limit) for limit in ({"limit": 1.5}, {}))
+    problem, crossings, pieces = cart(control, wall=False), 0, 0
+    tracking = Tracking(located_parts(problem.system)[0])
+    shares = np.linspace(0, 1, 4001)
+    for step in mbvi.EventDriven(1e-2).integrator(problem, Projector()).run(2.0):
+        states = [(step.t + share * step.h, *step.at(problem.system, share)) for share in shares.tolist()]
+        limited = np.abs([free(*state)[0] for state in states]) > 1.5
+        seen = shares[:-1][limited[1:] != limited[:-1]]
+        inner = (times - step.t) / step.h
+        inner = inner[(inner > 0) & (inner < 1)]
+        found = np.array(sorted(set(tracking.kinks(step)) - set(inner.tolist())))
+        assert len(found) == len(seen) and np.abs(found - seen).max(initial=0.0) < 3e-4
+        crossings, pieces = crossings + len(found), max(pieces, len(inner))
+    assert crossings > 8 and pieces > 1
 
 
 def bounded(p, duration):
