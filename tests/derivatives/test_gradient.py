@@ -105,6 +105,18 @@ def test_a_sum_over_times_of_fixed_steps():
     assert np.abs(found.gradient - exact).max() < 1e-10 * np.abs(exact).max()
 
 
+def test_a_sum_over_times_with_a_limited_control():
+    """Times and kinks of the torque lie between each other within steps."""
+    scene = mbvi.Scene(restitution=0.5)
+    scene.add_halfspace((-1, 0, 0), offset=-0.3, name="wall")
+    drive = mbvi.PDControl({"shoulder": -0.25}, 60.0, 4.0, limit=20.0)
+    robot, start = mbvi.robot("double_pendulum"), {"shoulder": 0.9}
+    scene.add_urdf(robot, base="fixed", name="arm", joints=start, control=drive, locked=["elbow"])
+    names = ["state", "control stiffness of arm/shoulder", "control damping of arm/shoulder"]
+    found, exact = at_times(scene.build(), SCHEME, 1.2, names, 30, [0.11, 0.23, 0.31, 0.55, 0.8])
+    assert np.abs(found.gradient - exact).max() < 1e-8 * np.abs(exact).max()
+
+
 def test_one_time_is_the_end():
     """To the byte: of fixed steps also where the end of the run is rounded."""
     for scheme, given in ((SCHEME, {}), (mbvi.Paoli(), {"step": 1e-3})):
