@@ -5,10 +5,16 @@ import pytest
 
 import mbvi
 from mbvi import motion
+from mbvi.constraints.mechanism.state import MechanismState
 from mbvi.constraints.rows import take
 from mbvi.projection import FreeMotion, Projector
+from mbvi.run.loop.compiled_loop import mechanism_step
+from mbvi.schemes.kernels.joint_friction import bounded_coulomb
+from mbvi.schemes.kernels.phases import write_free_motion
 from mbvi.schemes.positions import position_projection
 from mbvi.schemes.step import closing_speeds, law
+from mbvi.system.mechanisms.mechanism import place, weigh
+from support.oracle import RobotOracle
 
 QUADRUPED = "robots/quadruped/quadruped.urdf"
 STEP, SCHEME = 1e-3, mbvi.Centered(project_positions=True)
@@ -85,3 +91,38 @@ def test_no_projection_is_left_out(scheme, monkeypatch):
         np.testing.assert_array_equal(found.rates, searched.rates)
         np.testing.assert_array_equal(found.active.gap, searched.active.gap)
     assert left_out >= 5
+
+
+def contacts_about(problem, rng, k, rows):
+    """Write k contacts of the world with random bodies at random points, most normals upwards; return their bounds."""
+    q, n = problem.q0, rng.normal(size=(k, 3)) * [0.4, 0.4, 0.1] + [0.0, 0.0, 1.0]
+    axes = np.linalg.qr(np.concatenate([n[:, :, None], rng.normal(size=(k, 3, 2))], axis=2))[0]
+    point, body = q[:3] + rng.uniform(-0.3, 0.3, (k, 3)), rng.integers(1, problem.system.model.njoints, k)
+    row = [problem.system.separation_rows(q, np.zeros(k, int), body, point, axes[:, :, c].copy()) for c in range(3)]
+    rows.size[0], rows.J[:k], rows.mu[:k] = k, row[0] * np.sign(axes[:, 2, :1]), 0.6
+    rows.T[0 : 2 * k : 2], rows.T[1 : 2 * k : 2] = row[1], row[2]
+    return -rng.choice([0.0, 1.0, 5.0], k, p=[0.15, 0.25, 0.6])
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_the_law_of_many_contacts_is_that_of_those_which_would_close(seed):
+    rng, problem, k = np.random.default_rng(seed), landing(), 40 + 3 * seed
+    mechanism, memory = problem.system.mechanism(), MechanismState(problem.constraints)
+    s = mechanism_step(problem, SCHEME, 1e-8, mechanism, memory, None)
+    x, w, p = 0.5 * rng.normal(size=18) - 1.0 * (np.arange(18) == 2), np.zeros(18), np.full((k, 6), np.nan)
+    lower = contacts_about(problem, rng, k, s.rows)
+    place(s.mechanism, problem.q0.copy())
+    weigh(s.mechanism, problem.q0.copy())
+    assert write_free_motion(s, x, STEP, False)
+    assert bounded_coulomb(s, s.rows, x, lower, STEP, 1e-11, w, p) == 0
+    J, T, normal, tangent = s.rows.J[:k], s.rows.T[: 2 * k].reshape(k, 2, 18), p[:, 0], p[:, 1:3]
+    impulse = J.T @ normal + np.einsum("kcn,kc->n", T, tangent)
+    np.testing.assert_allclose(RobotOracle(problem).matrix(problem.q0) @ (w - x), impulse, atol=1e-9)
+    u, slip = J @ w - lower, T @ w
+    assert (normal > 0.0).sum() >= 3
+    assert normal.min() >= 0.0 and u.min() >= -1e-9 and np.abs(normal * u).max() < 1e-9
+    # inside the cone contacts stick, on it friction opposes the slip
+    room = 0.6 * normal - np.linalg.norm(tangent, axis=1)
+    speed = np.linalg.norm(slip, axis=1)
+    assert room.min() > -1e-9 and np.abs(room * speed).max() < 1e-9
+    assert np.abs(np.vecdot(tangent, slip) + np.linalg.norm(tangent, axis=1) * speed).max() < 1e-9

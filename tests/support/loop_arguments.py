@@ -358,7 +358,8 @@ CALLS = {
     **{
         name: [(PAOLI, braked, BOUNCY, 65), (CENTERED, braked, RIGID, 40), (DEFAULT, braked, MIXED, 90)]
         for name in (
-            "joints_with_friction", "write_wide", "bounded_coulomb", "apply_joint_friction", "factor_mass_again",
+            "joints_with_friction", "write_wide", "coulomb_of_few", "bounded_coulomb", "apply_joint_friction",
+            "factor_mass_again",
         )
     },
     **{

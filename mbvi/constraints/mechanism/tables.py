@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
+
 from ...compiled import kernel, record
 from ..rows import Array
 
@@ -137,6 +139,22 @@ class PairFamily(NamedTuple):
     e: Array
     mu: Array
     resistance: Array
+
+
+@kernel("RowBuffer(i8, RowBuffer)")
+def rows_for(count: int, like: RowBuffer) -> RowBuffer:
+    """Return room for some rows like others."""
+    nv, turning = like.J.shape[1], count if len(like.R) > 0 else 0
+    gap, e, lever, mu = np.zeros(count), np.zeros(count), np.zeros(count), np.zeros(count)
+    point, normal, axes = np.zeros((count, 3)), np.zeros((count, 3)), np.zeros((count, 2, 3))
+    J, T = np.zeros((count, nv)), np.zeros((2 * count if len(like.T) > 0 else 0, nv))
+    size, number, resistance, R = (
+        np.zeros(1, np.int64),
+        np.zeros(count, np.int64),
+        np.zeros((turning, 2)),
+        np.zeros((3 * turning, nv)),
+    )
+    return RowBuffer(size, number, gap, e, lever, mu, point, normal, J, T, axes, resistance, R)
 
 
 @kernel("void(RowBuffer, i8, RowBuffer)")

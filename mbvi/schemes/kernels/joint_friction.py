@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...compiled import kernel
-from ...constraints.mechanism.tables import MOST_ROWS, RowBuffer
+from ...constraints.mechanism.tables import MOST_ROWS, RowBuffer, copy_row, rows_for
 from ...projection.coulomb.few_contacts import MOST_CONTACTS
 from ...projection.coulomb.friction import AIM, EXACT
 from ...projection.coulomb.frictional_step import interleave
@@ -17,6 +17,9 @@ from ...projection.coulomb.law import COMPLIANT, NOTHING, UNIQUE, coulomb_law
 from ...projection.tree import factor, is_damped, solve
 from ...system.system import Array
 from .records import DONE, UNSOLVED, MechanismStep
+
+# rates relative to the terms that cancel in them
+_ROUNDING = 1e-13
 
 
 @kernel("i8(f8[::1])")
@@ -108,32 +111,14 @@ def read_resistance(rows: RowBuffer, begin: int, found: Array, p: Array) -> None
 
 
 @kernel("i8(MechanismStep, RowBuffer, f8[::1], f8[::1], f8, f8, f8[::1], f8[:,::1])")
-def bounded_coulomb(
+def coulomb_of_few(
     s: MechanismStep, rows: RowBuffer, x: Array, lower: Array, h: float, limit: float, w: Array, p: Array
 ) -> int:
-    """Write the velocity w and the percussions p of Coulomb's law with J w >= lower; return a code.
-
-    Parameters
-    ----------
-    s : MechanismStep
-        With the factor of M in its room.
-    rows : RowBuffer
-        The k contacts.
-    x : ndarray, shape (nv,)
-        The velocity to which percussions are added.
-    lower : ndarray, shape (k,)
-        Least rates of the gaps.
-    h : float
-        Time step [s], for the percussions of the dry friction of joints.
-    limit : float
-        Largest relative residual.
-    w, p : ndarray, shapes (nv,) and (k, 6)
-        Receive the result: percussions along normals and tangents, then about them.
-    """
+    """Do what `bounded_coulomb` does with all contacts at once."""
     memory, k, nv, m = s.memory, rows.size[0], len(x), s.mechanism
     rough = joints_with_friction(m.friction)
     n = k + rough + resisting(rows, 0) + resisting(rows, 1)
-    if n > MOST_ROWS or (rough == 0 and k > MOST_CONTACTS):
+    if n > MOST_ROWS:
         return UNSOLVED
     wide, W, A, mu = np.zeros((3 * n, nv)), np.empty((3 * n, nv)), np.empty((3 * n, nv)), np.zeros(n)
     write_wide(rows, m.friction, h, wide, mu)
@@ -155,6 +140,64 @@ def bounded_coulomb(
     for i in range(3 * k):
         p[i // 3, i % 3] = table[0, i]
     read_resistance(rows, k + rough, table[0], p)
+    return DONE
+
+
+@kernel("i8(MechanismStep, RowBuffer, f8[::1], f8[::1], f8, f8, f8[::1], f8[:,::1])")
+def bounded_coulomb(
+    s: MechanismStep, rows: RowBuffer, x: Array, lower: Array, h: float, limit: float, w: Array, p: Array
+) -> int:  # fmt: skip
+    """Write the velocity w and the percussions p of Coulomb's law with J w >= lower; return a code.
+
+    Of many contacts those take part that would close without them: the law of these is that of all once no other one
+    closes.
+
+    Parameters
+    ----------
+    s : MechanismStep
+        With the factor of M in its room.
+    rows : RowBuffer
+        The k contacts.
+    x : ndarray, shape (nv,)
+        The velocity to which percussions are added.
+    lower : ndarray, shape (k,)
+        Least rates of the gaps.
+    h : float
+        Time step [s], for the percussions of the dry friction of joints.
+    limit : float
+        Largest relative residual.
+    w, p : ndarray, shapes (nv,) and (k, 6)
+        Receive the result: percussions along normals and tangents, then about them.
+    """
+    k, n, count = rows.size[0], len(x), 0
+    if k <= MOST_CONTACTS or joints_with_friction(s.mechanism.friction) > 0:
+        return coulomb_of_few(s, rows, x, lower, h, limit, w, p)
+    some, bounds, part = rows_for(MOST_CONTACTS, rows), np.empty(MOST_CONTACTS), np.zeros((MOST_CONTACTS, 6))
+    place, closes, s.residual[0] = np.full(k, -1, np.int64), True, 0.0
+    for j in range(n):
+        w[j] = x[j]
+    while closes:
+        closes = False
+        for a in range(k):
+            rate = terms = 0.0
+            for j in range(n):
+                rate += rows.J[a, j] * w[j]
+                terms += abs(rows.J[a, j] * w[j])
+            # a rate within rounding of the terms that cancel in it closes nothing
+            if place[a] >= 0 or rate >= lower[a] - _ROUNDING * terms:
+                continue
+            if count == MOST_CONTACTS:
+                return UNSOLVED
+            copy_row(rows, a, some)
+            place[a], bounds[count], closes = count, lower[a], True
+            count += 1
+        if closes:
+            code = coulomb_of_few(s, some, x, bounds[:count], h, limit, w, part[:count])
+            if code != DONE:
+                return code
+    for a in range(k):
+        for c in range(6):
+            p[a, c] = part[place[a], c] if place[a] >= 0 else 0.0
     return DONE
 
 

@@ -100,7 +100,7 @@ def has_friction(rows: RowBuffer) -> bool:
 
 @kernel("i8(MechanismStep, f8[::1], f8, b1, f8[::1])")
 def apply_law_with_joints(s: MechanismStep, v: Array, h: float, twice: bool, opened: Array) -> int:
-    """Do what `apply_law` does where joints have dry friction, or contacts torsional or rolling friction."""
+    """Do what `apply_law` does where joints have dry friction, contacts torsional or rolling friction, or are many."""
     rows, k = s.rows, s.rows.size[0]
     if not write_free_motion(s, v, h, twice):
         return UNSOLVED
@@ -150,7 +150,7 @@ def apply_law(s: MechanismStep, v: Array, h: float, twice: bool, opened: Array) 
     limit = 0.0 if k <= FEW else 1e-3 * s.scales.residual
     J, e, rates = rows.J[:k], rows.e[:k], s.rates[: 4 * k].reshape((4, k))
     rough = has_friction(rows)
-    if joints_with_friction(m.friction) > 0 or (rough and len(rows.R) > 0):
+    if joints_with_friction(m.friction) > 0 or (rough and (len(rows.R) > 0 or k > MOST_CONTACTS)):
         return apply_law_with_joints(s, v, h, twice, opened)
     if not rough:
         last = memory.percussion[: memory.size[0]]
@@ -170,8 +170,6 @@ def apply_law(s: MechanismStep, v: Array, h: float, twice: bool, opened: Array) 
             s.turn[i] = 0.0
         s.residual[0] = found
         return DONE
-    if k > MOST_CONTACTS:
-        return UNSOLVED
     known, start, slip = NOTHING, memory.start[: 3 * k], s.slip[: 8 * k].reshape((4, k, 2))
     if memory.size[1] == 3 * k:
         known = UNIQUE if memory.size[2] else COMPLIANT

@@ -10,28 +10,12 @@ import numpy as np
 
 from ...compiled import kernel
 from ...constraints.mechanism.rows import active_rows
-from ...constraints.mechanism.tables import FOUND, RowBuffer, copy_row
+from ...constraints.mechanism.tables import FOUND, RowBuffer, copy_row, rows_for
 from ...constraints.rows import mutual_nearest
 from ...projection.positions.travel import largest_travel
 from ...system.mechanisms.pinocchio_address import tangent
 from ...system.system import Array
 from ..kernels.records import MechanismStep
-
-
-@kernel("RowBuffer(i8, RowBuffer)")
-def rows_for(count: int, like: RowBuffer) -> RowBuffer:
-    """Return room for some rows like others."""
-    nv, turning = like.J.shape[1], count if len(like.R) > 0 else 0
-    gap, e, lever, mu = np.zeros(count), np.zeros(count), np.zeros(count), np.zeros(count)
-    point, normal, axes = np.zeros((count, 3)), np.zeros((count, 3)), np.zeros((count, 2, 3))
-    J, T = np.zeros((count, nv)), np.zeros((2 * count if len(like.T) > 0 else 0, nv))
-    size, number, resistance, R = (
-        np.zeros(1, np.int64),
-        np.zeros(count, np.int64),
-        np.zeros((turning, 2)),
-        np.zeros((3 * turning, nv)),
-    )
-    return RowBuffer(size, number, gap, e, lever, mu, point, normal, J, T, axes, resistance, R)
 
 
 @kernel("void(RowBuffer, RowBuffer)")

@@ -6,7 +6,7 @@ import numpy as np
 
 from ...compiled import kernel
 from ...constraints.mechanism.rows import write_gradients
-from ...constraints.mechanism.tables import FOUND, MOST_ROWS, TOO_MANY, RowBuffer, copy_row
+from ...constraints.mechanism.tables import FOUND, MOST_ROWS, TOO_MANY, RowBuffer, copy_row, rows_for
 from ...projection.dense.orthonormal_rows import inner
 from ...projection.positions.closed_contacts import stays_sunk
 from ...projection.positions.travel import MOST_LINEARISATIONS
@@ -19,7 +19,7 @@ from ..kernels.records import DONE, UNSOLVED, MechanismStep
 from .bounds_kernel import apply_bounds
 from .closed_kernel import bears_or_sinks, closed_contacts
 from .displacement_kernel import IMPOSSIBLE, Sunk, raise_sunk
-from .nearby_kernel import copy_rows, find_nearby, known_gaps, match_rows, may_sink, nearby_rows, rows_for
+from .nearby_kernel import copy_rows, find_nearby, known_gaps, match_rows, may_sink, nearby_rows
 
 
 @kernel("void(MechanismStep, f8)")
