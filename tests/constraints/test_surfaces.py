@@ -7,6 +7,9 @@ from scipy.spatial import ConvexHull, Delaunay
 
 import mbvi
 from mbvi.constraints import ShapeSurface
+from mbvi.geometry.closed_form.cores_at_mesh import ON_IT, place_feature, travel_from, write_place
+from mbvi.geometry.closed_form.quiet_features import quiet_way
+from mbvi.geometry.closed_form.surface_rows import sharp_row, vertex_row
 
 SCHEMES = [mbvi.Paoli(), mbvi.Centered(), mbvi.StewartTrinkle()]
 CORNERS = 0.5 * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
@@ -93,9 +96,12 @@ def scene_of(kind, position, rotation=UPRIGHT, velocity=(0, 0, 0), mesh=None, si
     return scene
 
 
+def surface_of(problem):
+    return next(f for f in problem.constraints.families if isinstance(f, ShapeSurface))
+
+
 def rows_of(problem, tolerance=1e-9):
-    family = next(f for f in problem.constraints.families if isinstance(f, ShapeSurface))
-    return family.contacts(0.0, problem.q0, tolerance)
+    return surface_of(problem).contacts(0.0, problem.q0, tolerance)
 
 
 def same_points(found, expected):
@@ -110,7 +116,7 @@ def test_rows_do_not_depend_on_the_ways_that_led_to_a_place(kind):
     rng, touched, kept = np.random.default_rng(0), 0, 0
     for _ in range(10):
         problem = scene_of(kind, (0, 0, 1), mesh=rough_field(rng), size=(0.3, 0.2, 0.1)).build()
-        family = next(f for f in problem.constraints.families if isinstance(f, ShapeSurface))
+        family = surface_of(problem)
         q = problem.q0.copy()
         q[2] = 0.12
         for k in range(60):
@@ -132,6 +138,73 @@ def test_rows_do_not_depend_on_the_ways_that_led_to_a_place(kind):
                     family.measure(problem.system.integrate(q, 1e-3 * rng.normal(size=6)), np.arange(1), tolerance)
     assert touched > 300
     assert kept > 300
+
+
+@pytest.mark.parametrize("kind", ["box", "hull", "cylinder"])
+def test_rows_are_the_same_where_features_that_touch_nothing_are_skipped(kind):
+    rng, touched, skipped, listed = np.random.default_rng(1), 0, 0, 0
+    for _ in range(6):
+        field = rough_field(rng)
+        problem, twin = (scene_of(kind, (0, 0, 1), mesh=field, size=(0.3, 0.2, 0.1)).build() for _ in range(2))
+        kept, anew = surface_of(problem), surface_of(twin)
+        q, step = problem.q0.copy(), np.zeros(6)
+        q[2] = 0.1
+        for k in range(150):
+            # it swings, and sinks a little
+            step = 0.8 * step + 2e-4 * rng.normal(size=6) * [1, 1, 1, 4, 4, 4]
+            q = problem.system.integrate(q, step - [0, 0, 1e-4, 0, 0, 0])
+            tolerance = 1e-9 if k % 3 else 2e-3
+            anew.at_mesh.slack[:] = -1.0
+            found, expected = (one.measure(q, np.arange(1), tolerance) for one in (kept, anew))
+            for one, other in zip(found, expected, strict=True):
+                np.testing.assert_array_equal(one, other)
+            at, count = kept.at_mesh, int(kept.at_mesh.counts[0])
+            skipped += (at.quiet[0, :count] > at.way[0] + tolerance).sum()
+            touched, listed = touched + len(found.gap), listed + count
+    assert touched > 100
+    # a cylinder evaluates what its rims may touch
+    assert skipped > (0.3 if kind == "cylinder" else 0.6) * listed
+
+
+@pytest.mark.parametrize("kind", ["box", "hull"])
+def test_no_feature_has_a_row_within_the_way_for_which_it_is_quiet(kind):
+    """At the end of each way, in many directions; the rows are those of the kernels that are given every feature."""
+    rng, tried, beyond, far_ones, out = np.random.default_rng(2), 0, 0, 0, np.zeros((4, 3))
+    for _ in range(24):
+        problem = scene_of(kind, (0, 0, 1), mesh=rough_field(rng), size=(0.3, 0.2, 0.1)).build()
+        family, system = surface_of(problem), problem.system
+        q = system.integrate(problem.q0, np.concatenate([rng.uniform(-0.2, 0.2, 2), [-0.92], rng.normal(size=3)]))
+        family.measure(q, np.arange(1), 1e-9)
+        at, places = family.at_mesh, family._places(q)
+        before = out.copy()
+        write_place(at, places, 0, before)
+
+        def rows_at(there, t, k, e, at=at):
+            write_place(at, there, 0, out)
+            place_feature(at, there, 0, k, e)
+            given = at, 0, t, *((e,) if k == ON_IT else (k, e)), out[3].copy(), 0.0, 0
+            return (vertex_row if k == ON_IT else sharp_row)(*given)
+
+        for t, k, e in rng.permutation(at.features[0, : at.counts[0]])[:150].tolist():
+            place_feature(at, places, 0, k, e)
+            far = quiet_way(at, 0, t, k, e, before[3])
+            if far <= 0.0:
+                continue
+            for turns in (0.0, 0.0, 1.0, 5.0):
+                way = rng.normal(size=6) * [1, 1, 1, turns, turns, turns]
+                low, high = 0.0, 2.0 * far / np.linalg.norm(way[:3])
+                for _ in range(30):
+                    middle = 0.5 * (low + high)
+                    there = family._places(system.integrate(q, middle * way))
+                    low, high = (middle, high) if travel_from(at, before, there, 0) < far else (low, middle)
+                there, farther = (family._places(system.integrate(q, x * low * way)) for x in (1.0, 2.0))
+                assert rows_at(there, t, k, e) == 0
+                tried, beyond = tried + 1, beyond + rows_at(farther, t, k, e)
+            far_ones += far > 0.01
+    assert tried > 1000
+    # of few it is known no better than to half
+    assert beyond > 10
+    assert far_ones > 0.15 * tried / 4
 
 
 # motion
@@ -363,7 +436,7 @@ def test_gradients_are_differences_of_gaps(kind):
         turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
         place = (*rng.uniform(-0.3, 0.3, 2), 0.4)
         problem = scene_of(kind, place, turn * np.linalg.det(turn), mesh=mesh).build()
-        family = next(f for f in problem.constraints.families if isinstance(f, ShapeSurface))
+        family = surface_of(problem)
         q = problem.q0.copy()
         q[2] -= family.gap(0.0, q)[0] + 0.005
         rows, h, system = family.contacts(0.0, q, 0.02), 1e-6, problem.system
@@ -392,7 +465,7 @@ def test_distances_far_away_are_those_of_coal(kind, exact):
         turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
         problem = scene_of(kind, (*rng.uniform(-0.5, 0.5, 2), 0.5), turn * np.linalg.det(turn), mesh=(vertices, corner))
         problem = problem.build()
-        family = next(f for f in problem.constraints.families if isinstance(f, ShapeSurface))
+        family = surface_of(problem)
         mesh = coal.BVHModelOBBRSS()
         mesh.beginModel(len(corner), len(vertices))
         mesh.addVertices(vertices)

@@ -60,11 +60,10 @@ class Scene:
         n, k, cores = len(SHAPES), self.triangles if triangles is None else triangles, self.cores
         return CoresAtMesh(
             self.mesh, cores, EPS, np.full(n, 0.02), np.zeros(n), np.full(n, -1.0), np.zeros((n, 4, 3)),
-            np.zeros((n, features, 3), np.int64), np.zeros((n, 3), np.int64), np.zeros(len(cores.points), np.int64),
-            np.zeros(len(cores.faces), np.int64), np.zeros(k, np.int64), np.zeros((8, 3)), np.zeros((6, 4)),
-            np.zeros((2, 8), bool), np.zeros((2, 12), np.int64), np.zeros((12, 6)), np.zeros((rows, 7)),
-            np.zeros(rows, np.int64), np.zeros(12), np.zeros(contacts, np.int64), np.zeros(contacts),
-            np.zeros((contacts, 3)), np.zeros((contacts, 3)),
+            np.zeros((n, features, 3), np.int64), np.zeros(n, np.int64), np.zeros((n, 4, 3)), np.zeros(n),
+            np.zeros((n, features)), np.zeros(k, np.int64), np.zeros((8, 3)), np.zeros((6, 4)),
+            np.zeros((2, 12), np.int64), np.zeros((12, 6)), np.zeros((rows, 7)), np.zeros(rows, np.int64), np.zeros(12),
+            np.zeros(contacts, np.int64), np.zeros(contacts), np.zeros((contacts, 3)), np.zeros((contacts, 3)),
         )  # fmt: skip
 
     def listed(self):
@@ -185,7 +184,7 @@ def add(rng):
 def feature_of(scene, kinds):
     """A core with a list, and one of its listed features of some kinds; a feature that is not listed without any."""
     at, _ = scene.listed()
-    some = at.features[scene.s, : at.counts[scene.s, 0]]
+    some = at.features[scene.s, : at.counts[scene.s]]
     some = some[np.isin(some[:, 1], kinds)]
     if not len(some):
         edge = int(scene.cores.first_edge[scene.s])
@@ -300,10 +299,43 @@ def list_at_triangle(rng):
     return at, scene.s, t, 1, int(scene.s < 2), 0.02, int(rng.integers(3))
 
 
-def list_used(rng):
+def placed_feature(rng):
     scene = Scene(rng)
-    at, _ = scene.listed()
-    return at, scene.s, int(at.counts[scene.s, 0])
+    at, _, k, e = feature_of(scene, [[0, 1, 2], [3, 4, 5], [6]][int(rng.integers(3))])
+    if scene.s == 2 and 3 <= k < 6:
+        e = 0
+    return at, scene.places, scene.s, k, e
+
+
+def quiet(kinds):
+    """A listed feature of some kinds of a sharp core."""
+
+    def arguments(rng):
+        scene = sharp(rng)
+        at, t, k, e = feature_of(scene, kinds)
+        return at, scene.s, t, k, e, scene.middle
+
+    return arguments
+
+
+def missed_normals(rng):
+    at, s, t, k, e, _ = quiet([0, 1, 2])(rng)
+    return at, s, t, k, e, np.concatenate([unit(rng), unit(rng), unit(rng), np.zeros(3)])
+
+
+def quiet_vertex(rng):
+    scene = Scene(rng)
+    return scene.listed()[0], scene.s, scene.triangle(), 1, scene.middle
+
+
+def quiet_face(rng):
+    return *may_hold(rng)[:2], *may_hold(rng)[3:1:-1], 0.1 * unit(rng)
+
+
+def ends_beside(rng):
+    cosine = float(rng.uniform(-0.9, 0.9))
+    a, b, side = rng.normal(size=3)
+    return rng.random(), cosine, np.sqrt(1.0 - cosine**2), a, b, 2.0 * (a * a + b * b + side * side), 1.2, 3.0
 
 
 def may_hold(rng):
@@ -408,7 +440,13 @@ SURFACE_ARGUMENTS = {
     "choose_faces": lambda rng: choose_edges(rng)[:-1],
     "may_hold": may_hold,
     "list_at_triangle": list_at_triangle,
-    "list_used": list_used,
+    "place_feature": placed_feature,
+    "missed_normals": missed_normals,
+    "quiet_vertex": quiet_vertex,
+    "quiet_face": quiet_face,
+    "quiet_edge": quiet([0, 1, 2]),
+    "ends_beside": ends_beside,
+    "quiet_way": lambda rng: quiet([[0, 1, 2], [6]][int(rng.integers(2))])(rng),
     "list_features": list_of,
     "height_over_face": over_face,
     "is_far": far,

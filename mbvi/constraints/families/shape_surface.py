@@ -53,10 +53,9 @@ class ShapeSurface(SurfaceContacts):
         # the lowest points of two rims come behind the vertices
         n, corners, edges, faces = self.size, *(int(np.diff(cores[k]).max(initial=0)) for k in (2, 5, 7))
         room: Any = (
-            np.zeros(n), np.full(n, -1.0), np.zeros((n, 4, 3)), np.zeros((n, 0, 3), np.int64),
-            np.zeros((n, 3), np.int64), np.zeros(len(cores.points), np.int64), np.zeros(len(cores.faces), np.int64),
-            np.zeros(0, np.int64), np.zeros((corners + 2, 3)), np.zeros((max(faces, 1), 4)),
-            np.zeros((2, max(corners, faces)), bool), np.zeros((2, max(edges, faces)), np.int64), np.zeros((edges, 6)),
+            np.zeros(n), np.full(n, -1.0), np.zeros((n, 4, 3)), np.zeros((n, 0, 3), np.int64), np.zeros(n, np.int64),
+            np.zeros((n, 4, 3)), np.zeros(n), np.zeros((n, 0)), np.zeros(0, np.int64), np.zeros((corners + 2, 3)),
+            np.zeros((max(faces, 1), 4)), np.zeros((2, max(edges, faces)), np.int64), np.zeros((edges, 6)),
             np.zeros((0, 7)), np.zeros(0, np.int64), np.zeros(12), *_contacts(0),
         )  # fmt: skip
         own = cores.sizes[:, 5].copy()
@@ -96,7 +95,8 @@ class ShapeSurface(SurfaceContacts):
         self.at_mesh.slack[:] = -1.0
         self.at_mesh.replace(
             near=np.zeros(triangles, np.int64), features=np.zeros((self.size, features, 3), np.int64),
-            rows=np.zeros((rows, 7)), group=np.zeros(rows, np.int64), shape=shape, gap=gap, point=point, normal=normal,
+            quiet=np.zeros((self.size, features)), rows=np.zeros((rows, 7)), group=np.zeros(rows, np.int64),
+            shape=shape, gap=gap, point=point, normal=normal,
         )  # fmt: skip
 
     def measure(self, q: Array, shapes: Array, tolerance: float) -> Contacts:

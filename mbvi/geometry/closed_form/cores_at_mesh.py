@@ -17,8 +17,8 @@ PEAK, ON_IT, ON_RIM = 3, 6, 7
 
 
 @record(
-    "Creases, Cores, f8, f8[::1], f8[::1], f8[::1], f8[:,:,::1], i8[:,:,::1], i8[:,::1], i8[::1], i8[::1], i8[::1],"
-    " f8[:,::1], f8[:,::1], b1[:,::1], i8[:,::1], f8[:,::1], f8[:,::1], i8[::1], f8[::1], i8[::1], f8[::1], f8[:,::1],"
+    "Creases, Cores, f8, f8[::1], f8[::1], f8[::1], f8[:,:,::1], i8[:,:,::1], i8[::1], f8[:,:,::1], f8[::1], f8[:,::1],"
+    " i8[::1], f8[:,::1], f8[:,::1], i8[:,::1], f8[:,::1], f8[:,::1], i8[::1], f8[::1], i8[::1], f8[::1], f8[:,::1],"
     " f8[:,::1]"
 )
 class CoresAtMesh(NamedTuple):
@@ -41,13 +41,16 @@ class CoresAtMesh(NamedTuple):
     features : ndarray of int, shape (s, k, 3)
         A triangle; `k` for its edge k, `PEAK` + k for its corner k, `ON_IT` and `ON_RIM` for the triangle itself; and
         the edge, face or vertex of the core, edges counted in `cores`, the others in the core; 0 for its rims.
-    counts : ndarray of int, shape (s, 3)
-        How many features, vertices and faces are listed.
-    used_points, used_faces : ndarray of int, shapes of the vertices and the faces of `cores`
-        The vertices and faces that the features have, counted in the core, from the places of its own on.
-    near, points, faces, marks, chosen, boxes : ndarray
-        Room for triangles; for vertices and faces of any core in the world, for marks of these, for its edges and
-        boxes about them.
+    counts : ndarray of int, shape (s,)
+        How many features are listed.
+    last : ndarray, shape (s, 4, 3)
+        As `place`, of the last search.
+    way : ndarray, shape (s,)
+        How far each core has moved from search to search since its features were listed [m].
+    quiet : ndarray, shape (s, k)
+        The `way` up to which each feature touches nothing; within a tolerance of a row it is that much less.
+    near, points, faces, chosen, boxes : ndarray
+        Room for triangles; for vertices and faces of any core in the world, for its edges and boxes about them.
     rows, group, out : ndarray, shapes (r, 7), (r,) and (12,)
         Room for the rows of one core.
     shape, gap, point, normal : ndarray, shapes (m,), (m,), (m, 3), (m, 3)
@@ -63,12 +66,12 @@ class CoresAtMesh(NamedTuple):
     place: Array
     features: Array
     counts: Array
-    used_points: Array
-    used_faces: Array
+    last: Array
+    way: Array
+    quiet: Array
     near: Array
     points: Array
     faces: Array
-    marks: Array
     chosen: Array
     boxes: Array
     rows: Array
@@ -165,42 +168,27 @@ def travel_from(at: CoresAtMesh, before: Array, places: Array, s: int) -> float:
 @kernel("f8(CoresAtMesh, f8[:,:,::1], i8)")
 def free_way(at: CoresAtMesh, places: Array, s: int) -> float:
     """Return a lower bound of how far core s may move until it can touch the mesh [m]; not above 0 where it is near."""
-    if at.counts[s, 0] > 0 or at.slack[s] <= at.skin[s]:
+    if at.counts[s] > 0 or at.slack[s] <= at.skin[s]:
         return 0.0
     return at.slack[s] - travel_from(at, at.place[s], places, s)
 
 
-@kernel("void(CoresAtMesh, i8, i8)")
-def list_used(at: CoresAtMesh, s: int, count: int) -> None:
-    """List the vertices and faces of core s that its features have."""
-    cores, marks, first, face = at.cores, at.marks, at.cores.first_point[s], at.cores.first_face[s]
-    points, faces = cores.first_point[s + 1] - first, cores.first_face[s + 1] - face
-    for i in range(max(points, faces)):
-        marks[0, i] = marks[1, i] = False
-    for n in range(count):
-        k, e = at.features[s, n, 1], at.features[s, n, 2]
-        if k == ON_RIM:
-            continue
-        if k == ON_IT:
-            marks[0, e] = True
-        elif k < PEAK or cores.sizes[s, 3] > 0.0:
-            # a segment is its only edge
-            edge = e if k < PEAK else cores.first_edge[s]
-            for i in range(2):
-                marks[0, cores.edges[edge, i] - first] = True
-                if cores.edges[edge, 2] >= 0:
-                    marks[1, cores.edges[edge, 2 + i] - face] = True
-        else:
-            marks[1, e] = True
-            for i in range(cores.first_side[face + e], cores.first_side[face + e + 1]):
-                marks[0, cores.sides[i, 0] - first] = marks[0, cores.sides[i, 1] - first] = True
-                marks[1, cores.sides[i, 2] - face] = True
-    at.counts[s, 0], at.counts[s, 1], at.counts[s, 2] = count, 0, 0
-    for i in range(points):
-        if marks[0, i]:
-            at.used_points[first + at.counts[s, 1]] = i
-            at.counts[s, 1] += 1
-    for i in range(faces):
-        if marks[1, i]:
-            at.used_faces[face + at.counts[s, 2]] = i
-            at.counts[s, 2] += 1
+@kernel("void(CoresAtMesh, f8[:,:,::1], i8, i8, i8)")
+def place_feature(at: CoresAtMesh, places: Array, s: int, k: int, e: int) -> None:
+    """Write the vertices and faces that a feature of core s has in the world; k and e are those of `features`."""
+    cores, first, face = at.cores, at.cores.first_point[s], at.cores.first_face[s]
+    if k == ON_IT:
+        place_point(places, cores, s, e, at.points)
+    elif k < PEAK or cores.sizes[s, 3] > 0.0:
+        # a segment is its only edge
+        edge = e if k < PEAK else cores.first_edge[s]
+        for i in range(2):
+            place_point(places, cores, s, cores.edges[edge, i] - first, at.points)
+            if cores.edges[edge, 2] >= 0:
+                place_face(places, cores, s, cores.edges[edge, 2 + i] - face, at.faces)
+    elif k < ON_IT:
+        place_face(places, cores, s, e, at.faces)
+        for i in range(cores.first_side[face + e], cores.first_side[face + e + 1]):
+            place_point(places, cores, s, cores.sides[i, 0] - first, at.points)
+            place_point(places, cores, s, cores.sides[i, 1] - first, at.points)
+            place_face(places, cores, s, cores.sides[i, 2] - face, at.faces)

@@ -11,7 +11,7 @@ import numpy as np
 from ...arguments import Array
 from ...compiled import kernel
 from ..meshes.creases import RIM, VALLEY
-from .cores_at_mesh import ON_IT, ON_RIM, PEAK, CoresAtMesh, lever_of, list_used, middle_of, place_face, place_point
+from .cores_at_mesh import ON_IT, ON_RIM, PEAK, CoresAtMesh, lever_of, middle_of, place_face, place_point, write_place
 from .mesh_tree import tree_apart, triangles_in_box
 from .surface_features import BESIDE, above, in_cone, shared_side
 
@@ -301,11 +301,10 @@ def list_features(at: CoresAtMesh, places: Array, s: int, tolerance: float, marg
     at.reach[s], at.slack[s] = max(tolerance, at.skin[s]), -1.0
     # rims reach beyond the vertices that stand for them
     around = radius + max(at.reach[s], inner) + at.skin[s] + at.eps + 0.01 * cores.rims[s, 3]
+    write_place(at, places, s, at.place[s])
     for c in range(3):
         middle[c] = middle_of(places, cores, s, c)
-        low[c], high[c], at.place[s, 3, c] = points[0, c], points[0, c], middle[c]
-        for k in range(3):
-            at.place[s, k, c] = places[f, k, c]
+        low[c], high[c] = points[0, c], points[0, c]
         for i in range(1, number):
             low[c], high[c] = min(low[c], points[i, c]), max(high[c], points[i, c])
         low[c], high[c] = low[c] - around, high[c] + around
@@ -314,7 +313,7 @@ def list_features(at: CoresAtMesh, places: Array, s: int, tolerance: float, marg
         return triangles, 0
     if triangles == 0:
         at.slack[s] = at.skin[s] + tree_apart(mesh.boxes, low, high)
-        at.counts[s, 0] = at.counts[s, 1] = at.counts[s, 2] = 0
+        at.counts[s] = 0
         return 0, 0
     turn = at.skin[s] / lever_of(at, s)
     least = narrow_cone(at, triangles, axis)
@@ -328,6 +327,8 @@ def list_features(at: CoresAtMesh, places: Array, s: int, tolerance: float, marg
     for j in range(triangles):
         count = list_at_triangle(at, s, at.near[j], edges, faces, turn, count)
     if count <= at.features.shape[1]:
-        list_used(at, s, count)
-        at.slack[s] = at.skin[s]
+        at.counts[s], at.way[s], at.slack[s] = count, 0.0, at.skin[s]
+        write_place(at, places, s, at.last[s])
+        for n in range(count):
+            at.quiet[s, n] = 0.0
     return triangles, count

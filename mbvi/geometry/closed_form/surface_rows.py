@@ -11,8 +11,9 @@ from ..narrow.spread import BESIDE, FEW_POINTS, FLAT, few_corners, one_face, spr
 from ..shapes.convex_cores import Cores
 from ..shapes.shapes import TILTED
 from ..vectors import within_plane
-from .cores_at_mesh import ON_IT, ON_RIM, PEAK, CoresAtMesh, middle_of, place_face, place_point, travel_from
+from .cores_at_mesh import ON_IT, ON_RIM, PEAK, CoresAtMesh, middle_of, place_feature, travel_from, write_place
 from .near_features import list_features
+from .quiet_features import quiet_way
 from .surface_features import BESIDE as BESIDE_NORMALS
 from .surface_features import (
     above,
@@ -172,16 +173,21 @@ def all_rows(at: CoresAtMesh, places: Array, s: int, tolerance: float) -> tuple[
         triangles, features = list_features(at, places, s, tolerance, _MARGIN * cores.sizes[s, 4])
         if at.slack[s] < 0.0:
             return triangles, features, 0
-    if at.counts[s, 0] == 0:
+    if at.counts[s] == 0:
         return 0, 0, 0
     for c in range(3):
         middle[c] = middle_of(places, cores, s, c)
-    for n in range(at.counts[s, 1]):
-        place_point(places, cores, s, at.used_points[cores.first_point[s] + n], at.points)
-    for n in range(at.counts[s, 2]):
-        place_face(places, cores, s, at.used_faces[cores.first_face[s] + n], at.faces)
-    for n in range(at.counts[s, 0]):
+    at.way[s] += travel_from(at, at.last[s], places, s)
+    write_place(at, places, s, at.last[s])
+    for n in range(at.counts[s]):
+        if at.quiet[s, n] > at.way[s] + tolerance:
+            continue
         t, k, e = at.features[s, n, 0], at.features[s, n, 1], at.features[s, n, 2]
+        place_feature(at, places, s, k, e)
+        far = quiet_way(at, s, t, k, e, middle)
+        at.quiet[s, n] = at.way[s] + far
+        if far > tolerance:
+            continue
         if k >= ON_IT:
             # a rim that is tilted stands on its lowest point only
             tilted = cores.rims[s, 3] > 0.0 and lowest_of_rims(places, at.mesh, cores, s, t, at.points, middle)
@@ -195,7 +201,7 @@ def all_rows(at: CoresAtMesh, places: Array, s: int, tolerance: float) -> tuple[
             count = round_rows(at, s, t, k, middle, tolerance, count)
         else:
             count = sharp_row(at, s, t, k, e, middle, tolerance, count)
-    return 0, at.counts[s, 0], count
+    return 0, at.counts[s], count
 
 
 @kernel("i8(f8[:,::1], i8, f8, i8[::1])")

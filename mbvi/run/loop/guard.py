@@ -107,7 +107,7 @@ def may_get_deep(s: MechanismStep, log: LoopRecord, member: int, q: Array, displ
     travel = _CURVED * travel_from(at, before, shapes.places, member)
     gap = lowest_gap(at, first, member, travel)
     # no feature of the mesh is within its travel
-    if at.slack[member] >= 0.0 and at.counts[member, 0] == 0:
+    if at.slack[member] >= 0.0 and at.counts[member] == 0:
         return False
     gap = min(gap, travel)
     level = min(gap, 0.0) - depth
