@@ -7,7 +7,7 @@ from scipy.spatial import ConvexHull, Delaunay
 
 import mbvi
 from mbvi.constraints import ShapeSurface
-from mbvi.geometry.closed_form.cores_at_mesh import ON_IT, place_feature, travel_from, write_place
+from mbvi.geometry.closed_form.cores_at_mesh import ON_IT, free_way, place_feature, travel_from, write_place
 from mbvi.geometry.closed_form.quiet_features import quiet_way
 from mbvi.geometry.closed_form.surface_rows import sharp_row, vertex_row
 
@@ -205,6 +205,34 @@ def test_no_feature_has_a_row_within_the_way_for_which_it_is_quiet(kind):
     # of few it is known no better than to half
     assert beyond > 10
     assert far_ones > 0.15 * tried / 4
+
+
+@pytest.mark.parametrize("kind", ["box", "hull", "cylinder"])
+def test_nothing_is_touched_within_the_free_way(kind):
+    rng, tried, near = np.random.default_rng(3), 0, 0
+    for _ in range(60):
+        problem = scene_of(kind, (0, 0, 1), mesh=rough_field(rng), size=(0.3, 0.2, 0.1)).build()
+        family, system = surface_of(problem), problem.system
+        q = problem.q0.copy()
+        q[:3] = *rng.uniform(-0.3, 0.3, 2), rng.uniform(0.1, 0.25)
+        touched = family.measure(q, np.arange(1), 1e-9)
+        at, places, before = family.at_mesh, family._places(q), np.zeros((4, 3))
+        free = free_way(at, places, 0)
+        assert free <= 0.0 or not len(touched.gap)
+        near += free > 0.0 and at.counts[0] > 0
+        gap = family.nearest(q, np.arange(1)).gap
+        for share in (0.5, 0.99, 1.01):
+            assert family.are_within(q, np.arange(1), abs(gap) / share)[0] == (gap[0] < abs(gap[0]) / share)
+        write_place(at, places, 0, before)
+        for _ in range(10 if free > 0.0 else 0):
+            way = rng.normal(size=6) * [1, 1, 1, 0, 0, 0] - [0, 0, 2, 0, 0, 0]
+            there = system.integrate(q, 0.999 * free * way / np.linalg.norm(way))
+            assert travel_from(at, before, family._places(there), 0) < free
+            assert not len(family.measure(there, np.arange(1), 0.0).gap)
+            tried += 1
+    # what its rims may touch is evaluated each time
+    assert near > 5 or kind == "cylinder"
+    assert tried > 100
 
 
 # motion

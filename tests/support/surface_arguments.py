@@ -59,7 +59,7 @@ class Scene:
         """The mesh and the cores with no lists yet."""
         n, k, cores = len(SHAPES), self.triangles if triangles is None else triangles, self.cores
         return CoresAtMesh(
-            self.mesh, cores, EPS, np.full(n, 0.02), np.zeros(n), np.full(n, -1.0), np.zeros((n, 4, 3)),
+            self.mesh, cores, EPS, *np.full((2, n), 0.02), np.zeros(n), np.full(n, -1.0), np.zeros((n, 4, 3)),
             np.zeros((n, features, 3), np.int64), np.zeros(n, np.int64), np.zeros((n, 4, 3)), np.zeros(n),
             np.zeros((n, features)), np.zeros(k, np.int64), np.zeros((8, 3)), np.zeros((6, 4)),
             np.zeros((2, 12), np.int64), np.zeros((12, 6)), np.zeros((rows, 7)), np.zeros(rows, np.int64), np.zeros(12),
@@ -357,9 +357,10 @@ def travel_from(rng):
 
 def free_way(rng):
     scene = Scene(rng)
-    scene.places[:, 3, 2] += 2.0
+    scene.places[:, 3, 2] += rng.choice([0.0, 2.0])
     at, _ = scene.listed()
-    return at, scene.moved(0.1), scene.s
+    at.last[:], at.quiet[:] = at.place, 0.1 * rng.random(at.quiet.shape)
+    return at, scene.moved(1e-3), scene.s
 
 
 def beyond_middle(rng):

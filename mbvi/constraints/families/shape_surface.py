@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...compiled import held
-from ...geometry.closed_form.cores_at_mesh import CoresAtMesh
+from ...geometry.closed_form.cores_at_mesh import CoresAtMesh, free_way
 from ...geometry.closed_form.surface_distances import surface_distances
 from ...geometry.closed_form.surface_rows import surface_contacts
 from ...geometry.meshes.creases import creases_of
@@ -62,7 +62,7 @@ class ShapeSurface(SurfaceContacts):
         skin = np.clip(_SKIN * own.sum() / max(n, 1), _SKIN * own, _MOST_SKIN * own)
         eps = ROUNDING * (float(bounds.max(initial=0.0)) + surface.bound)
         # the state of the lists, which the compiled loop shares
-        self.at_mesh: Any = held(CoresAtMesh(creases_of(surface), cores, eps, skin, *room))
+        self.at_mesh: Any = held(CoresAtMesh(creases_of(surface), cores, eps, skin, skin.copy(), *room))
         self._make_room(200, 1000, 200)
 
     def carried(self, shape: PlacedShape) -> float:
@@ -84,6 +84,15 @@ class ShapeSurface(SurfaceContacts):
             surface_distances(self.at_mesh, self._places(q), shapes[apart], *found)
             gap[apart], point[apart], normal[apart] = found
         return Contacts(shapes, gap, point, normal)
+
+    def are_within(self, q: Array, shapes: Array, distance: Array) -> Array:
+        """Return which of some shapes in ascending order are nearer than a distance each [m], shape (k,)."""
+        self.measure(q, shapes, 0.0)
+        # distances take longer than bounds of them
+        places = self._places(q)
+        near = np.array([free_way(self.at_mesh, places, s) <= far for s, far in zip(shapes, distance, strict=True)])
+        near[near] = super().are_within(q, shapes[near], distance[near])
+        return near
 
     def _places(self, q: Array) -> Array:
         return np.ascontiguousarray(self.system.placements(q, self.frames))

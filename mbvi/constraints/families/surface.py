@@ -155,8 +155,12 @@ class SurfaceContacts(Rebuilt, ConstraintFamily):
         travel, thickness = np.asarray(self._reach @ np.abs(displacement)), np.asarray(self.thickness)
         swift = np.flatnonzero(travel > thickness)
         if swift.size:
-            swift = swift[self.nearest(q, swift).gap < travel[swift]]
+            swift = swift[self.are_within(q, swift, travel[swift])]
         return swift, travel[swift], thickness[swift]
+
+    def are_within(self, q: Array, shapes: Array, distance: Array) -> Array:
+        """Return which of some shapes in ascending order are nearer than a distance each [m], shape (k,)."""
+        return np.asarray(self.nearest(q, shapes).gap < distance)
 
 
 class SphereSurface(SurfaceContacts):

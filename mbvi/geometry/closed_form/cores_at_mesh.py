@@ -17,9 +17,9 @@ PEAK, ON_IT, ON_RIM = 3, 6, 7
 
 
 @record(
-    "Creases, Cores, f8, f8[::1], f8[::1], f8[::1], f8[:,:,::1], i8[:,:,::1], i8[::1], f8[:,:,::1], f8[::1], f8[:,::1],"
-    " i8[::1], f8[:,::1], f8[:,::1], i8[:,::1], f8[:,::1], f8[:,::1], i8[::1], f8[::1], i8[::1], f8[::1], f8[:,::1],"
-    " f8[:,::1]"
+    "Creases, Cores, f8, f8[::1], f8[::1], f8[::1], f8[::1], f8[:,:,::1], i8[:,:,::1], i8[::1], f8[:,:,::1], f8[::1],"
+    " f8[:,::1], i8[::1], f8[:,::1], f8[:,::1], i8[:,::1], f8[:,::1], f8[:,::1], i8[::1], f8[::1], i8[::1], f8[::1],"
+    " f8[:,::1], f8[:,::1]"
 )
 class CoresAtMesh(NamedTuple):
     """A mesh and convex cores, with the features of each core that may touch it.
@@ -30,8 +30,8 @@ class CoresAtMesh(NamedTuple):
         The mesh, and s cores.
     eps : float
         Rounding [m].
-    skin : ndarray, shape (s,)
-        How far each core may move until its features are listed again [m].
+    least_skin, skin : ndarray, shape (s,)
+        How far each core may move until its features are listed again, at least and at present [m].
     reach : ndarray, shape (s,)
         The greatest gap at which the listed features touch [m]; the greatest depth is the radius of the ball inside.
     slack : ndarray, shape (s,)
@@ -60,6 +60,7 @@ class CoresAtMesh(NamedTuple):
     mesh: Creases
     cores: Cores
     eps: float
+    least_skin: Array
     skin: Array
     reach: Array
     slack: Array
@@ -168,9 +169,14 @@ def travel_from(at: CoresAtMesh, before: Array, places: Array, s: int) -> float:
 @kernel("f8(CoresAtMesh, f8[:,:,::1], i8)")
 def free_way(at: CoresAtMesh, places: Array, s: int) -> float:
     """Return a lower bound of how far core s may move until it can touch the mesh [m]; not above 0 where it is near."""
-    if at.counts[s] > 0 or at.slack[s] <= at.skin[s]:
+    if at.counts[s] == 0 and at.slack[s] <= at.skin[s]:
         return 0.0
-    return at.slack[s] - travel_from(at, at.place[s], places, s)
+    free = at.slack[s] - travel_from(at, at.place[s], places, s)
+    if at.counts[s] > 0 and free > 0.0:
+        way = at.way[s] + travel_from(at, at.last[s], places, s)
+        for n in range(at.counts[s]):
+            free = min(free, at.quiet[s, n] - way)
+    return free
 
 
 @kernel("void(CoresAtMesh, f8[:,:,::1], i8, i8, i8)")

@@ -328,7 +328,6 @@ def list_features(at: CoresAtMesh, places: Array, s: int, tolerance: float, marg
         count = list_at_triangle(at, s, at.near[j], edges, faces, turn, count)
     if count <= at.features.shape[1]:
         at.counts[s], at.way[s], at.slack[s] = count, 0.0, at.skin[s]
-        write_place(at, places, s, at.last[s])
         for n in range(count):
             at.quiet[s, n] = 0.0
     return triangles, count

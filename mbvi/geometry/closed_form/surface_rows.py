@@ -32,6 +32,8 @@ _SAME = 1e-12
 _EQUAL = 1e-9
 # how far features give way to others, relative to the radius of a ball inside the shape
 _MARGIN = 1e-3
+# steps of a swift core that a list is good for, and how many times wider than others it may be
+_STEPS, _WIDEST = 1.5, 4.0
 
 
 @kernel("i8(f8[:,::1], i8, f8, f8, f8, f8, f8[::1])")
@@ -168,8 +170,14 @@ def all_rows(at: CoresAtMesh, places: Array, s: int, tolerance: float) -> tuple[
         any of them, the rows are not written.
     """
     cores, count, middle = at.cores, 0, np.empty(3)
+    step = travel_from(at, at.last[s], places, s)
+    at.way[s] += step
+    write_place(at, places, s, at.last[s])
     # written so that lists are made again at a place that is not finite
     if not (tolerance <= at.reach[s] and travel_from(at, at.place[s], places, s) <= at.slack[s]):
+        # a core that moves nearly so far from search to search would need a list each time
+        wide = _STEPS * step
+        at.skin[s] = wide if at.least_skin[s] < wide <= _WIDEST * at.least_skin[s] else at.least_skin[s]
         triangles, features = list_features(at, places, s, tolerance, _MARGIN * cores.sizes[s, 4])
         if at.slack[s] < 0.0:
             return triangles, features, 0
@@ -177,8 +185,6 @@ def all_rows(at: CoresAtMesh, places: Array, s: int, tolerance: float) -> tuple[
         return 0, 0, 0
     for c in range(3):
         middle[c] = middle_of(places, cores, s, c)
-    at.way[s] += travel_from(at, at.last[s], places, s)
-    write_place(at, places, s, at.last[s])
     for n in range(at.counts[s]):
         if at.quiet[s, n] > at.way[s] + tolerance:
             continue

@@ -9,7 +9,7 @@ from ...constraints.mechanism.meshes import is_clear_of_mesh, place_at_mesh
 from ...constraints.mechanism.pairs import distance_of, is_beyond, place_bodies
 from ...constraints.mechanism.rows import MechanismConstraints
 from ...constraints.mechanism.tables import PAIRS, SHAPES_AT_MESH
-from ...geometry.closed_form.cores_at_mesh import travel_from, write_place
+from ...geometry.closed_form.cores_at_mesh import free_way, travel_from, write_place
 from ...geometry.closed_form.surface_rows import lowest_gap
 from ...schemes.kernels.records import MechanismStep
 from ...system.mechanisms.mechanism import place
@@ -105,15 +105,14 @@ def may_get_deep(s: MechanismStep, log: LoopRecord, member: int, q: Array, displ
     place(s.mechanism, there)
     place_at_mesh(s.mechanism, shapes)
     travel = _CURVED * travel_from(at, before, shapes.places, member)
-    gap = lowest_gap(at, first, member, travel)
-    # no feature of the mesh is within its travel
-    if at.slack[member] >= 0.0 and at.counts[member] == 0:
-        return False
-    gap = min(gap, travel)
-    level = min(gap, 0.0) - depth
+    # of what is apart it need not be known how far
+    gap = min(lowest_gap(at, first, member, 0.0), 0.0)
+    level = gap - depth
     # written so that a NaN counts as sunk
-    if not travel < _MOST_PARTS * depth:
+    if not travel < _MOST_PARTS * depth or gap == -np.inf:
         return True
+    if free_way(at, first, member) > travel:
+        return False
     parts = 1 + int(travel / depth)
     for part in range(1, parts + 1):
         for k in range(len(displacement)):
@@ -122,7 +121,7 @@ def may_get_deep(s: MechanismStep, log: LoopRecord, member: int, q: Array, displ
         place(s.mechanism, there)
         place_at_mesh(s.mechanism, shapes)
         way = _CURVED * travel_from(at, before, shapes.places, member)
-        end = min(lowest_gap(at, shapes.places, member, way), way)
+        end = min(lowest_gap(at, shapes.places, member, 0.0), 0.0)
         if not 0.5 * (gap + end - way) >= level:
             return True
         gap = end
