@@ -169,7 +169,7 @@ def all_rows(at: CoresAtMesh, places: Array, s: int, tolerance: float) -> tuple[
         How many triangles and features there must be room for, and how many rows there are; if there is no room for
         any of them, the rows are not written.
     """
-    cores, count, middle = at.cores, 0, np.empty(3)
+    cores, count, middle, most = at.cores, 0, np.empty(3), max(tolerance, 0.0)
     step = travel_from(at, at.last[s], places, s)
     at.way[s] += step
     write_place(at, places, s, at.last[s])
@@ -186,13 +186,13 @@ def all_rows(at: CoresAtMesh, places: Array, s: int, tolerance: float) -> tuple[
     for c in range(3):
         middle[c] = middle_of(places, cores, s, c)
     for n in range(at.counts[s]):
-        if at.quiet[s, n] > at.way[s] + tolerance:
+        if at.quiet[s, n] > at.way[s] + most:
             continue
         t, k, e = at.features[s, n, 0], at.features[s, n, 1], at.features[s, n, 2]
         place_feature(at, places, s, k, e)
         far = quiet_way(at, s, t, k, e, middle)
         at.quiet[s, n] = at.way[s] + far
-        if far > tolerance:
+        if far > most:
             continue
         if k >= ON_IT:
             # a rim that is tilted stands on its lowest point only
