@@ -14,7 +14,7 @@ from ..schemes.step import Step
 from ..system import ActuatedSystem, ArticulatedSystem, BlockSystem, ConnectedSystem, HingedSystem, System
 from ..system.mechanisms.equalities import Equality, PointRows
 from .diagnosis.diagnose import State, states
-from .run_data import Array, RunData
+from .run_data import Array, RunData, legs
 
 
 class Place(NamedTuple):
@@ -38,15 +38,15 @@ def loop_forces(run: RunData, name: str) -> Array:
     scene = run.problem.scene
     # those that are switched off have no place
     widths = {} if scene is None else {one.name: 6 for one in scene.items.connections}
-    legs = [(start, leg, placed_equalities(leg.problem.system)) for start, leg in run.legs() if leg.problem is not None]
-    for _, _, places in legs:
+    parts = [(start, leg, placed_equalities(leg.problem.system)) for start, leg in legs(run) if leg.problem is not None]
+    for _, _, places in parts:
         widths |= {known: 6 if isinstance(place.equality, PointRows) else 1 for known, place in places.items()}
     if printable(name, "name") not in widths:
         raise InputError(
             f"{shown(name)} is no connection or coupling of this run; known are {', '.join(widths) or 'none'}"
         )
     found = np.zeros((len(run.t), widths[name]))
-    for start, leg, places in legs:
+    for start, leg, places in parts:
         if name in places:
             found[start + 1 : start + len(leg.t)] = _forces(leg, places[name])[1:]
     return found if widths[name] == 6 else found[:, 0]

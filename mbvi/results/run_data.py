@@ -227,53 +227,18 @@ class RunData:
         later = np.minimum(i + 1, len(self.t) - 1)
         part = np.divide(times - self.t[i], self.t[later] - self.t[i], out=np.zeros(len(i)), where=later > i)
         jumped = part >= self.record.timing.jump
-        q, v = self.q[i], np.where(jumped[:, None], self.arriving[later], self.v[i])
+        q, v = self.q[i], np.where(jumped[:, None], arriving(self)[later], self.v[i])
         inside = np.flatnonzero(later > i)
         before, after, share = q[inside], self.q[later[inside]], part[inside, None]
         if self.problem is None:
             q[inside] += share * (after - before)
             return q, v
-        for problem, part in self.by_problem(times[inside]):
+        for problem, part in by_problem(self.problem, self.record.switches, times[inside]):
             ends = before[part], after[part]
             q[inside[part]] = problem.system.integrate_each(
                 ends[0], share[part] * problem.system.difference_each(*ends)
             )
         return q, v
-
-    @property
-    def arriving(self) -> Array:
-        """Velocities that the steps to the states have led to, shape (n + 1, nv): before what is attached there."""
-        if not self.record.switches:
-            return self.v
-        found = self.v.copy()
-        found[np.searchsorted(self.t, [one.time for one in self.record.switches])] = [
-            one.before for one in self.record.switches
-        ]
-        return found
-
-    def legs(self) -> Iterator[tuple[int, RunData]]:
-        """Yield the parts of the run between switches as runs of their own, and the number of the first state of each.
-
-        Contacts, energies and dense output are left out.
-        """
-        record, arriving = self.record, self.arriving
-        starts = [0, *np.searchsorted(self.t, [one.time for one in record.switches]).tolist()]
-        problems = [self.problem, *(one.problem for one in record.switches)]
-        for problem, start, end in zip(problems, starts, [*starts[1:], len(self.t) - 1], strict=True):
-            part, v = slice(start, end + 1), np.concatenate([self.v[start:end], arriving[end : end + 1]])
-            own = replace(
-                record, penetration=record.penetration[part], limit_violation=record.limit_violation[part],
-                dense=None, energies=None, contacts=None, again=None, switches=(),
-            )  # fmt: skip
-            yield start, replace(
-                self, t=self.t[part], q=self.q[part], v=v, impacts=(), residual=self.residual[part], problem=problem,
-                record=own,
-            )  # fmt: skip
-
-    def by_problem(self, times: Array) -> Iterator[tuple[Problem, Array]]:
-        """Yield the problems with the connections that hold from some times on, and which of the times."""
-        assert self.problem is not None
-        yield from by_problem(self.problem, self.record.switches, times)
 
     def _check(self, t: float) -> None:
         if not self.t[0] <= t <= self.t[-1]:
@@ -296,10 +261,44 @@ class RunData:
             v = next((one.before.copy() for one in self.record.switches if one.time == self.t[i + 1]), v)
         if self.problem is None:
             return self.q[i] + part * (self.q[i + 1] - self.q[i]), v
-        system = next(self.by_problem(np.array([t])))[0].system
+        system = next(by_problem(self.problem, self.record.switches, np.array([t])))[0].system
         return system.integrate(self.q[i], part * system.difference(self.q[i], self.q[i + 1])), v
 
     @property
     def lacks_functions(self) -> bool:
         """Whether a file could not keep all functions of the problem, such as controls."""
         return self.problem is not None and bool(self.problem.not_kept)
+
+
+def arriving(run: RunData) -> Array:
+    """Return the velocities that the steps to the states have led to, shape (n + 1, nv).
+
+    They are those of the states, but where bodies are attached: those before.
+    """
+    if not run.record.switches:
+        return run.v
+    found = run.v.copy()
+    found[np.searchsorted(run.t, [one.time for one in run.record.switches])] = [
+        one.before for one in run.record.switches
+    ]
+    return found
+
+
+def legs(run: RunData) -> Iterator[tuple[int, RunData]]:
+    """Yield the parts of a run between switches as runs of their own, and the number of the first state of each.
+
+    Contacts, energies and dense output are left out.
+    """
+    record, before = run.record, arriving(run)
+    starts = [0, *np.searchsorted(run.t, [one.time for one in record.switches]).tolist()]
+    problems = [run.problem, *(one.problem for one in record.switches)]
+    for problem, start, end in zip(problems, starts, [*starts[1:], len(run.t) - 1], strict=True):
+        part, v = slice(start, end + 1), np.concatenate([run.v[start:end], before[end : end + 1]])
+        own = replace(
+            record, penetration=record.penetration[part], limit_violation=record.limit_violation[part],
+            dense=None, energies=None, contacts=None, again=None, switches=(),
+        )  # fmt: skip
+        yield start, replace(
+            run, t=run.t[part], q=run.q[part], v=v, impacts=(), residual=run.residual[part], problem=problem,
+            record=own,
+        )  # fmt: skip

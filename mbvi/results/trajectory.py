@@ -17,7 +17,7 @@ from .error_estimate import ErrorEstimate, estimate_error
 from .files.hdf5 import save
 from .loop_forces import loop_forces
 from .outputs import Outputs
-from .run_data import Array
+from .run_data import Array, by_problem
 from .summary import notebook, summary
 
 if TYPE_CHECKING:
@@ -123,7 +123,7 @@ class Trajectory(Outputs):
         if self.problem is None:
             raise InputError("this file holds no problem, whose loops could be measured")
         gaps = np.zeros(len(self.t))
-        for problem, which in self.by_problem(self.t):
+        for problem, which in by_problem(self.problem, self.record.switches, self.t):
             gaps[which] = [np.abs(problem.system.gaps(q)).max(initial=0.0) for q in self.q[which]]
         return gaps
 

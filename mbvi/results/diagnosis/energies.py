@@ -8,7 +8,7 @@ import numpy as np
 
 from ...errors import InputError
 from ...problem import Problem
-from ..run_data import Array, RunData, Switch, by_problem
+from ..run_data import Array, RunData, Switch, arriving, by_problem
 
 # differences of configurations that count as rounding; a longer interval than this many steps holds several of them
 _ROUNDING, _SAME_STEP = 1e-12, 1.5
@@ -122,12 +122,12 @@ def projection_energies(run: RunData) -> Array:
         raise InputError("this file holds no problem, which the energy of position projections needs")
     if (np.diff(run.t) > _SAME_STEP * run.step).any():
         raise InputError("the energy of position projections needs every step: simulate without every=")
-    jump, arriving = run.record.timing.jump, run.arriving
-    for problem, which in run.by_problem(run.t[:-1]):
+    jump, reached = run.record.timing.jump, arriving(run)
+    for problem, which in by_problem(run.problem, run.record.switches, run.t[:-1]):
         for i in (which + 1).tolist():
             h = float(run.t[i] - run.t[i - 1])
             acted = problem.system.integrate(run.q[i - 1], jump * h * run.v[i - 1])
-            added[i] = energy_of_projection(problem, float(run.t[i]), acted, run.q[i], arriving[i], (1.0 - jump) * h)
+            added[i] = energy_of_projection(problem, float(run.t[i]), acted, run.q[i], reached[i], (1.0 - jump) * h)
     return added
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from ..files.hdf5 import save
 from ..files.versions import versions
+from ..run_data import arriving
 from ..summary import regimes
 
 if TYPE_CHECKING:
@@ -106,7 +107,7 @@ def _start(run: RunData) -> bytes:
     assert run.problem is not None
     depths = {name: getattr(run.record, name)[:1].copy() for name in ("penetration", "limit_violation")}
     record = replace(run.record, energies=None, contacts=None, dense=None, switches=(), **depths)
-    first = {name: getattr(run, name)[:1].copy() for name in ("t", "q", "residual")} | {"v": run.arriving[:1].copy()}
+    first = {name: getattr(run, name)[:1].copy() for name in ("t", "q", "residual")} | {"v": arriving(run)[:1].copy()}
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "start.h5")
         save(replace(run, impacts=(), record=record, **first), path)
