@@ -52,6 +52,7 @@ def carry(folder: Path, process: int, processes: int) -> None:
 def called_kernels() -> list:
     """Return the kernels that other code of mbvi than kernels names, those that no kernel calls, and those apart."""
     from mbvi.compiled import all_kernels
+    from mbvi.run.loop.step_loop import LOOPS
 
     kernels = all_kernels()
     own = {(item.loops.__code__.co_filename, item.loops.__code__.co_firstlineno) for item in kernels}
@@ -60,7 +61,9 @@ def called_kernels() -> list:
         for code in _codes(compile(Path(file).read_text(), file, "exec"), own):
             named.update(each.argval for each in dis.get_instructions(code) if each.opname in _LOADS)
     below = {id(other) for item in kernels for other in item.callees().values()}
-    return [item for item in kernels if item.__name__ in named or id(item) not in below or item.apart]
+    called = [item for item in kernels if item.__name__ in named or id(item) not in below or item.apart]
+    # a scheme names its step to choose the loop that has it inside
+    return [item for item in called if item not in LOOPS]
 
 
 def _codes(code: CodeType, without: set[tuple[str, int]]) -> Iterator[CodeType]:

@@ -139,7 +139,7 @@ def run_paoli(
 run_moreau_jean = calling_others(run_paoli, "run_moreau_jean", paoli_step=moreau_jean_step)
 run_centered = calling_others(run_paoli, "run_centered", paoli_step=centered_step)
 run_stewart_trinkle = calling_others(run_paoli, "run_stewart_trinkle", paoli_step=stewart_trinkle_step)
-_LOOPS: dict[Any, Loop] = {
+LOOPS: dict[Any, Loop] = {
     paoli_step: run_paoli, moreau_jean_step: run_moreau_jean, centered_step: run_centered,
     stewart_trinkle_step: run_stewart_trinkle,
 }  # fmt: skip
@@ -147,8 +147,8 @@ _LOOPS: dict[Any, Loop] = {
 
 def loop_with(step: Any) -> Loop:
     """Return the loop whose steps are those of a kernel as `paoli_step`."""
-    if step not in _LOOPS:
+    if step not in LOOPS:
         # kernels of users' modules may have equal names
         name = f"run_{step.__module__}_{step.__name__}".replace(".", "_")
-        _LOOPS[step] = calling_others(run_paoli, name, paoli_step=step)
-    return _LOOPS[step]
+        LOOPS[step] = calling_others(run_paoli, name, paoli_step=step)
+    return LOOPS[step]
