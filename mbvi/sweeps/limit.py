@@ -15,6 +15,8 @@ from ..compiled import seconds_compiling
 
 # seconds after which a process is ended whose thread answers no more, for instance inside a kernel without end
 _STUCK = 30.0
+# more turns than a thread takes to see an exception that was raised in it
+_ARRIVES = 100
 # an exception must not be raised in these, which call Python from C++
 _COMPILING = ("numba", "llvmlite", "mbvi.compiled")
 
@@ -41,7 +43,7 @@ class Limit:
 
     def __init__(self, seconds: float | None, ends_process: bool = False) -> None:
         self._seconds, self._ends_process = seconds, ends_process
-        self._lock, self._over = threading.Lock(), threading.Event()
+        self._lock, self._over, self._raised = threading.Lock(), threading.Event(), False
         self._cpu: Callable[[], float] = time.process_time
 
     def __enter__(self) -> None:
@@ -61,10 +63,15 @@ class Limit:
     ) -> None:
         if self._seconds is None:
             return
-        with self._lock:
+        try:
+            with self._lock:
+                self._over.set()
+            # one that was raised too late arrives here. To take it back would leave Python looking for it for ever:
+            # the process would be slower, and hang where it is traced
+            for _ in range(_ARRIVES if self._raised and kind is not OverBudget else 0):
+                time.sleep(0.0)
+        except OverBudget:
             self._over.set()
-            # one that was raised too late is taken back
-            ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(self._thread), None)
         if self._ends_process:
             stop_watching()
 
@@ -84,7 +91,7 @@ class Limit:
                     return
                 # what it compiles just now is not in its sum yet
                 if not self._compiling() and self._spent() - self._begin > seconds:
-                    raised = ctypes.py_object(OverBudget)
+                    self._raised, raised = True, ctypes.py_object(OverBudget)
                     ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(self._thread), raised)
                     return
                 self._alive()
