@@ -13,7 +13,7 @@ from ..problem import Problem
 from ..system.controls import PDControl
 from ..system.mechanisms.articulated import ArticulatedSystem
 from ..system.system import Array, Part
-from .motion.tracking import Tracking, follows
+from .motion.tracking import Tracking
 from .parameter import ACCELERATION, Parameter, replaced_mechanism
 
 # what names of these parameters begin with
@@ -98,7 +98,7 @@ class Gain(Parameter):
 
 def has_gain(system: ArticulatedSystem, joint: int, kind: str) -> bool:
     """Return whether a joint of a mechanism is one that a `PDControl` moves, so that it has a parameter of a kind."""
-    if not isinstance(system.control, PDControl) or not follows(system) or system.model.nvs[joint] != 1:
+    if not isinstance(system.control, PDControl) or system.model.nvs[joint] != 1:
         return False
     table = system.control.table
     k = system.model.idx_vs[joint] - system.nv + table.torque.shape[1]

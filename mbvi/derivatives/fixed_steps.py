@@ -108,10 +108,12 @@ class LocatedSteps:
         off = float(np.abs((part.v - part.v0) / self._units - expected).max())
         free = self._flow.system.acceleration(part.t, part.q0, part.v0) / self._units
         step = self._run.step * max(float(np.abs(free).max()), float(np.abs(part.a / self._units).max()))
+        least = _UNEXPLAINED * (step if jump == 0.0 else jump + step)
+        if off <= least:
+            return
         # where an acceleration passes through zero, it changes by more than its size
         end = self._flow.acceleration(self.t, self.q, self.v, self.closed)[: len(part.v)]
-        change = part.h * float(np.abs((end - part.a) / self._units).max())
-        if off > _UNEXPLAINED * (step if jump == 0.0 else jump + step) + change:
+        if off > least + part.h * float(np.abs((end - part.a) / self._units).max()):
             raise self._none(_UNFOLLOWED, ())
 
     def _located(self, end: float, impacts: list[Impact]) -> ImpactEvent | None:

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.linalg import expm
 
 import mbvi
 from mbvi.derivatives.motion.tracking import Tracking
@@ -154,6 +155,16 @@ def test_a_trajectory_with_limits_against_differences(cart):
     wrt = of_cart("state", "torque of cart/slide", "mass of cart/slide")
     found = mbvi.sensitivity(problem, mbvi.EventDriven(1e-11), duration=4.0, wrt=wrt)
     assert found.run.impacts and found.check(1).error.max() < 1e-7
+
+
+def test_actuators_of_a_file_act_by_the_state_too(tmp_path):
+    """A position servo is a spring and a damper: the exponential of its matrix."""
+    servo = '<actuator><position name="hold" joint="slide" kp="20" kv="0.7"/></actuator></mujoco>'
+    (tmp_path / "servo.xml").write_text(CART.replace("</mujoco>", servo))
+    scene = mbvi.Scene(gravity=(0, 0, 0))
+    scene.add_mjcf(tmp_path / "servo.xml", name="cart", joints={"slide": 0.8}, velocity={"slide": 0.5})
+    found = mbvi.sensitivity(scene.build(), mbvi.EventDriven(1e-10), duration=0.5)
+    agrees(found.matrix, expm(0.5 * np.array([[0.0, 1.0], [-20.0 / MASS, -0.7 / MASS]])))
 
 
 def test_a_stiffness_of_zero(cart):

@@ -8,8 +8,8 @@ import numpy as np
 
 from ...errors import SensitivityError
 from ...schemes.event_driven.runge_kutta import RungeKuttaStep
-from ...system.control_table import TRACKING, bracket
-from ...system.controls import LoopControl
+from ...system.control_table import bracket
+from ...system.controls import ConstantTorque, PDControl
 from ...system.mechanisms.articulated import ArticulatedSystem
 from ...system.system import Array, Part, System
 
@@ -31,7 +31,7 @@ class Tracking:
 
     def __init__(self, part: Part) -> None:
         system = part.system
-        assert isinstance(system, ArticulatedSystem) and isinstance(system.control, LoopControl)
+        assert isinstance(system, ArticulatedSystem) and isinstance(system.control, ConstantTorque | PDControl)
         self._table = system.control.table
         nv, n = system.nv, self._table.torque.shape[1]
         self._own = slice(part.v + nv - n, part.v + nv)
@@ -110,6 +110,4 @@ class Tracking:
 
 def follows(system: System) -> bool:
     """Return whether a system is a mechanism with such a control."""
-    if not isinstance(system, ArticulatedSystem) or not isinstance(system.control, LoopControl):
-        return False
-    return system.control.table.kind == TRACKING
+    return isinstance(system, ArticulatedSystem) and isinstance(system.control, ConstantTorque | PDControl)
