@@ -54,7 +54,7 @@ import mbvi  # noqa: E402
 from mbvi.compiled import compile_all  # noqa: E402
 from mbvi.constraints import AdmissibleSet  # noqa: E402
 from mbvi.projection import Projector  # noqa: E402
-from mbvi.run import fixed_steps  # noqa: E402
+from mbvi.run.fixed_steps import taking  # noqa: E402
 from mbvi_studies.engines.robot_in_mujoco import MuJoCoRobot  # noqa: E402
 from mbvi_studies.published_robots import PUBLISHED, published_robot  # noqa: E402
 
@@ -102,7 +102,7 @@ def counting() -> Iterator[tuple[Counted, Counted]]:
     found = Counted(), Counted()
     methods = ((AdmissibleSet, ("active",)), (Projector, ("law", "project")))
     with ExitStack() as stack:
-        stack.enter_context(mock.patch.object(fixed_steps, "compiled_loop", lambda *_: None))
+        stack.enter_context(mock.patch.object(taking, "compiled_loop", lambda *_: None))
         for counted, (owner, names) in zip(found, methods, strict=True):
             for name in names:
                 if hasattr(owner, name):

@@ -19,7 +19,8 @@ from ..system.settings import Settings
 from .accuracy import projector_of
 from .control_stability import failures_with_time, gain_notes
 from .default_scheme import default_scheme, time_stepping
-from .fixed_steps import FixedSteps, Plan, observed
+from .fixed_steps.switching import SwitchedRecorder, SwitchFunction, Switching, switch_connections
+from .fixed_steps.taking import FixedSteps, Plan, observed
 from .given_scheme import checked_scheme
 from .interrupted import run_so_far
 from .own_steps.adaptive_loop import run_adaptive
@@ -28,7 +29,6 @@ from .progress import Progress
 from .recorder import Recorder
 from .retaken import SolvedSteps
 from .start import initial_step
-from .switching import SwitchedRecorder, SwitchFunction, Switching, switch_connections
 from .tunnelling import TunnellingGuard
 
 _DEFAULT_STEP = 1e-3
@@ -229,9 +229,9 @@ def simulate(
                 assert isinstance(recorder, SwitchedRecorder)
                 if done % every:
                     recorder.add_state(state)
-                again_at = problem.t0 + done * h
+                t = problem.t0 + done * h
                 connected, projector, state = switch_connections(
-                    connected, switched, again_at, state, scheme, projector_for, recorder
+                    connected, switched, t, state, scheme, projector_for, recorder
                 )
             state, done, switched = steps.take(connected, projector, state, done)
             if not switched:

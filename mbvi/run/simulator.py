@@ -17,6 +17,7 @@ from ..schemes.observer import contacts_of_rows
 from ..system.system import Array
 from .accuracy import projector_of
 from .default_scheme import time_stepping
+from .fixed_steps.switching import connected_at
 from .loop.loop_scope import is_compiled_on_copies
 from .loop.mechanism_run import MechanismRun, OwnProblem
 from .simulate import check_problem, checked_for, steps_from
@@ -222,9 +223,8 @@ class Simulator:
 
     def _go_on(self, problem: Problem, *, attached: bool) -> None:
         """Go on with a problem of other connections, from the present state."""
-        q, v, done = self.q.copy(), self.v.copy(), self._stepper.done
-        start = problem.at(q, problem.system.tangent(q, v) if attached else v, self.t)
-        checked_for(problem, self._scheme)
+        done = self._stepper.done
+        start = connected_at(problem, self.t, self.q.copy(), self.v.copy(), self._scheme, attached=attached)
         self._take(start)
         self._stepper.begin(start, self._t0, done)
         self._begun = done

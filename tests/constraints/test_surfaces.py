@@ -8,7 +8,7 @@ from scipy.spatial import ConvexHull, Delaunay
 import mbvi
 from mbvi.constraints import ShapeSurface
 from mbvi.geometry.closed_form.cores_at_mesh import ON_IT, free_way, place_feature, travel_from, write_place
-from mbvi.geometry.closed_form.quiet_features import quiet_way
+from mbvi.geometry.closed_form.feature_clearance import clearance_of_feature
 from mbvi.geometry.closed_form.surface_rows import sharp_row, vertex_row
 
 SCHEMES = [mbvi.Paoli(), mbvi.Centered(), mbvi.StewartTrinkle()]
@@ -159,7 +159,7 @@ def test_rows_are_the_same_where_features_that_touch_nothing_are_skipped(kind):
             for one, other in zip(found, expected, strict=True):
                 np.testing.assert_array_equal(one, other)
             at, count = kept.at_mesh, int(kept.at_mesh.counts[0])
-            skipped += (at.quiet[0, :count] > at.way[0] + tolerance).sum()
+            skipped += (at.clear_to[0, :count] > at.way[0] + tolerance).sum()
             touched, listed = touched + len(found.gap), listed + count
     assert touched > 100
     # a cylinder evaluates what its rims may touch
@@ -167,7 +167,7 @@ def test_rows_are_the_same_where_features_that_touch_nothing_are_skipped(kind):
 
 
 @pytest.mark.parametrize("kind", ["box", "hull"])
-def test_no_feature_has_a_row_within_the_way_for_which_it_is_quiet(kind):
+def test_no_feature_has_a_row_within_its_clearance(kind):
     """At the end of each way, in many directions; the rows are those of the kernels that are given every feature."""
     rng, tried, beyond, far_ones, out = np.random.default_rng(2), 0, 0, 0, np.zeros((4, 3))
     for _ in range(24):
@@ -187,7 +187,7 @@ def test_no_feature_has_a_row_within_the_way_for_which_it_is_quiet(kind):
 
         for t, k, e in rng.permutation(at.features[0, : at.counts[0]])[:150].tolist():
             place_feature(at, places, 0, k, e)
-            far = quiet_way(at, 0, t, k, e, before[3])
+            far = clearance_of_feature(at, 0, t, k, e, before[3])
             if far <= 0.0:
                 continue
             for turns in (0.0, 0.0, 1.0, 5.0):

@@ -2,20 +2,20 @@
 
 import pytest
 
-from mbvi.run import fixed_steps
+from mbvi.run.fixed_steps import taking
 from mbvi.run.loop import compiled_loop
 
 
 @pytest.fixture
 def loops(monkeypatch):
     """The loops of the runs of a test."""
-    made, build = [], fixed_steps.compiled_loop
+    made, build = [], taking.compiled_loop
 
     def keep(*arguments):
         made.append(build(*arguments))
         return made[-1]
 
-    monkeypatch.setattr(fixed_steps, "compiled_loop", keep)
+    monkeypatch.setattr(taking, "compiled_loop", keep)
     return made
 
 

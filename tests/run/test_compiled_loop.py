@@ -9,8 +9,8 @@ import pytest
 
 import mbvi
 from mbvi.constraints.mechanism.tables import copy_row
-from mbvi.run import fixed_steps
 from mbvi.run.accuracy import projector_of
+from mbvi.run.fixed_steps import taking
 from mbvi.run.loop import compiled_loop
 from mbvi.run.loop.compiled_loop import Patience
 from mbvi.run.recorder import Recorder
@@ -66,7 +66,7 @@ def copied(problem):
 def by_python(monkeypatch, problem, scheme, **options):
     """Run a copy of a problem without the loop."""
     with monkeypatch.context() as patched:
-        patched.setattr(fixed_steps, "compiled_loop", lambda *_: None)
+        patched.setattr(taking, "compiled_loop", lambda *_: None)
         return mbvi.simulate(copied(problem), scheme, progress=False, **options)
 
 
@@ -91,7 +91,7 @@ def steps_of_the_loop(problem, scheme, run):
     problem.system.start()
     projector, _ = projector_of(problem, scheme, None, None, None)
     recorder, guard = Recorder(problem, 2, scheme.timing), TunnellingGuard(problem, scheme, STEP)
-    loop = fixed_steps.compiled_loop(problem, scheme, projector, recorder, guard, STEP, 10**9, 10**9)
+    loop = taking.compiled_loop(problem, scheme, projector, recorder, guard, STEP, 10**9, 10**9)
     none = problem.constraints.active(run.t[0], run.q[0], problem.tolerance)
     for i in range(count):
         # a run leaves out attempts of the loop after several that took no step

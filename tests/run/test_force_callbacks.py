@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import mbvi
-from mbvi.run import fixed_steps
+from mbvi.run.fixed_steps import taking
 from mbvi.run.loop import compiled_loop
 from support.paths import ROBOTS
 
@@ -73,7 +73,7 @@ def test_runs_are_those_of_the_python_step(name, scheme, loops, monkeypatch):
     problem, options = SCENES[name]().build(), {"step": STEP, "duration": 0.25, "progress": False}
     run = mbvi.simulate(problem, scheme, **options)
     assert loops[0].codes.any()
-    monkeypatch.setattr(fixed_steps, "compiled_loop", lambda *_: None)
+    monkeypatch.setattr(taking, "compiled_loop", lambda *_: None)
     other = mbvi.simulate(SCENES[name]().build(), scheme, **options)
     assert run.impacts
     assert len(run.impacts) == len(other.impacts)

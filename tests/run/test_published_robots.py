@@ -9,7 +9,7 @@ import pytest
 
 import mbvi
 from mbvi.constraints import JointLimits, SignedDistances
-from mbvi.run import fixed_steps
+from mbvi.run.fixed_steps import taking
 from mbvi.run.recorder import Recorder
 from mbvi_studies.published_robots import PUBLISHED, published_robot
 from support.robot_problems import built_once
@@ -55,7 +55,7 @@ def fall(request):
     with pytest.MonkeyPatch.context() as patch, warnings.catch_warnings():
         patch.setattr(Recorder, "step", noted)
         # the compiled loop, which takes the same steps (test_compiled_loop.py), hands no steps to the recorder
-        patch.setattr(fixed_steps, "compiled_loop", lambda *_: None)
+        patch.setattr(taking, "compiled_loop", lambda *_: None)
         warnings.simplefilter("ignore", mbvi.MbviWarning)
         run = mbvi.simulate(problem, method, step=STEP, duration=STEP * STEPS)
     # the first is the start

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import mbvi
-from mbvi.run import fixed_steps
+from mbvi.run.fixed_steps import taking
 from mbvi.run.loop import compiled_loop
 from mbvi.run.progress import Progress
 from support.loop_arguments import among_boxes, hopper, on_block, quadruped, swaying, two_hoppers
@@ -168,7 +168,7 @@ def test_recording_changes_no_byte(name, tmp_path):
 
 def by_python(problem, scheme, **options):
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(fixed_steps, "compiled_loop", lambda *_: None)
+        patched.setattr(taking, "compiled_loop", lambda *_: None)
         return mbvi.simulate(problem, scheme, progress=False, **options)
 
 
@@ -178,8 +178,8 @@ def by_python(problem, scheme, **options):
 @pytest.mark.parametrize("make", [hopper, swaying, on_block, two_hoppers, among_boxes])
 def test_contacts_of_the_loop_are_those_of_the_steps(make, mu, every, monkeypatch):
     """Of Paoli's scheme, of which the loop and the Python step agree: to the last bit for one robot."""
-    loops, build = [], fixed_steps.compiled_loop
-    monkeypatch.setattr(fixed_steps, "compiled_loop", lambda *given: loops.append(build(*given)) or loops[-1])
+    loops, build = [], taking.compiled_loop
+    monkeypatch.setattr(taking, "compiled_loop", lambda *given: loops.append(build(*given)) or loops[-1])
     problem, options = make(0.3, mu), {"step": 1e-3, "duration": 0.2505, "every": every, "record": "contacts"}
     run, other = mbvi.simulate(problem, PAOLI, progress=False, **options), by_python(problem, PAOLI, **options)
     assert loops[0].codes.sum() > 0

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import mbvi
-from mbvi.run import fixed_steps
+from mbvi.run.fixed_steps import taking
 from mbvi.run.loop.step_loop import FULL
 from mbvi.schemes.kernels.records import DONE
 from support.loop_arguments import swaying
@@ -78,7 +78,7 @@ def test_contacts_and_impacts_are_those_of_the_python_step(loops, monkeypatch):
     problem, scheme = swaying(0.0, (0.6, 0.02, 0.005)), mbvi.Centered(project_positions=True)
     run = run_of(problem, scheme, 0.15, record="contacts")
     assert loops[0].codes[DONE] > 0
-    monkeypatch.setattr(fixed_steps, "compiled_loop", lambda *_: None)
+    monkeypatch.setattr(taking, "compiled_loop", lambda *_: None)
     other = run_of(pickle.loads(pickle.dumps(problem)), scheme, 0.15, record="contacts")
     scale = np.abs(other.contact_forces("quadruped")).max()
     np.testing.assert_allclose(

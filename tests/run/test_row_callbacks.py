@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import mbvi
-from mbvi.run import fixed_steps
+from mbvi.run.fixed_steps import taking
 from support.paths import ROBOTS
 
 STEP = 1e-3
@@ -67,7 +67,7 @@ def both(problem, scheme, loops, monkeypatch, duration=1.0):
     # `StewartTrinkle` leaves steps to Python that end on rows which it did not know
     assert loops[-1].codes[[1, 2, 3, 5]].tolist() == [0] * 4
     assert loops[-1].codes[4] <= 1
-    monkeypatch.setattr(fixed_steps, "compiled_loop", lambda *_: None)
+    monkeypatch.setattr(taking, "compiled_loop", lambda *_: None)
     return run, mbvi.simulate(problem, scheme, step=STEP, duration=duration, progress=False)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import mbvi
-from mbvi.run import fixed_steps
+from mbvi.run.fixed_steps import taking
 from mbvi.run.loop import compiled_loop
 
 LEGS = np.tile([0.0, 0.6, -1.2], 4)
@@ -41,7 +41,7 @@ def test_it_lands_the_same_by_the_loop_and_by_python(friction, e, monkeypatch):
     runs, scheme = [], mbvi.Centered(project_positions=True)
     for loop in (True, False):
         if not loop:
-            monkeypatch.setattr(fixed_steps, "compiled_loop", lambda *_: None)
+            monkeypatch.setattr(taking, "compiled_loop", lambda *_: None)
         runs.append(mbvi.simulate(landing(friction, e), scheme, step=1e-3, duration=0.2, progress=False))
     np.testing.assert_allclose(runs[0].q, runs[1].q, rtol=0.0, atol=1e-11)
     np.testing.assert_allclose(runs[0].v, runs[1].v, rtol=0.0, atol=1e-8)
@@ -57,7 +57,7 @@ def test_a_ball_bounces_beside_a_body_that_is_projected(other, friction, loop, m
         # otherwise it takes several bodies after 10 000 steps only
         monkeypatch.setattr(compiled_loop, "LONG", 0)
     else:
-        monkeypatch.setattr(fixed_steps, "compiled_loop", lambda *_: None)
+        monkeypatch.setattr(taking, "compiled_loop", lambda *_: None)
     scene = mbvi.Scene(restitution=0.5, friction=friction)
     scene.add_halfspace((0, 0, 1), name="floor")
     scene.add_sphere(radius=0.1, mass=1.0, position=(2, 0, 0.6), name="ball")

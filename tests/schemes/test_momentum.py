@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import mbvi
-from mbvi.run import fixed_steps
+from mbvi.run.fixed_steps import taking
 from mbvi.run.loop import compiled_loop
 from mbvi.system.free.free_momentum import keep_momentum
 from support.momentum import momentum
@@ -135,9 +135,9 @@ def test_elastic_bodies_that_spin_keep_their_energy(scheme, kind, tmp_path):
     "kinds", [("ball", "ball"), ("cube", "ball"), ("cube", "cube"), ("box", "box"), ("link", "box")], ids="-".join
 )
 def test_two_bodies_keep_both_momenta_in_the_compiled_loop(kinds, mu, monkeypatch, tmp_path):
-    made, build = [], fixed_steps.compiled_loop
+    made, build = [], taking.compiled_loop
     monkeypatch.setattr(compiled_loop, "LONG", 0)
-    monkeypatch.setattr(fixed_steps, "compiled_loop", lambda *args: made.append(build(*args)) or made[-1])
+    monkeypatch.setattr(taking, "compiled_loop", lambda *args: made.append(build(*args)) or made[-1])
     for seed in range(4):
         add = add_uneven if {"box", "link"} & set(kinds) else add_even
         problem = meeting(kinds, [0.0, 0.4][seed % 2], mu, np.random.default_rng([seed, 8]), tmp_path, add)

@@ -307,7 +307,7 @@ def placed_feature(rng):
     return at, scene.places, scene.s, k, e
 
 
-def quiet(kinds):
+def placed_features(kinds):
     """A listed feature of some kinds of a sharp core."""
 
     def arguments(rng):
@@ -319,16 +319,16 @@ def quiet(kinds):
 
 
 def missed_normals(rng):
-    at, s, t, k, e, _ = quiet([0, 1, 2])(rng)
+    at, s, t, k, e, _ = placed_features([0, 1, 2])(rng)
     return at, s, t, k, e, np.concatenate([unit(rng), unit(rng), unit(rng), np.zeros(3)])
 
 
-def quiet_vertex(rng):
+def vertex_clearance(rng):
     scene = Scene(rng)
     return scene.listed()[0], scene.s, scene.triangle(), 1, scene.middle
 
 
-def quiet_face(rng):
+def face_clearance(rng):
     return *may_hold(rng)[:2], *may_hold(rng)[3:1:-1], 0.1 * unit(rng)
 
 
@@ -359,7 +359,7 @@ def free_way(rng):
     scene = Scene(rng)
     scene.places[:, 3, 2] += rng.choice([0.0, 2.0])
     at, _ = scene.listed()
-    at.last[:], at.quiet[:] = at.place, 0.1 * rng.random(at.quiet.shape)
+    at.last[:], at.clear_to[:] = at.place, 0.1 * rng.random(at.clear_to.shape)
     return at, scene.moved(1e-3), scene.s
 
 
@@ -443,11 +443,11 @@ SURFACE_ARGUMENTS = {
     "list_at_triangle": list_at_triangle,
     "place_feature": placed_feature,
     "missed_normals": missed_normals,
-    "quiet_vertex": quiet_vertex,
-    "quiet_face": quiet_face,
-    "quiet_edge": quiet([0, 1, 2]),
+    "vertex_clearance": vertex_clearance,
+    "face_clearance": face_clearance,
+    "edge_clearance": placed_features([0, 1, 2]),
     "ends_beside": ends_beside,
-    "quiet_way": lambda rng: quiet([[0, 1, 2], [6]][int(rng.integers(2))])(rng),
+    "clearance_of_feature": lambda rng: placed_features([[0, 1, 2], [6]][int(rng.integers(2))])(rng),
     "list_features": list_of,
     "height_over_face": over_face,
     "is_far": far,

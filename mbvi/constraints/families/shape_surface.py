@@ -104,7 +104,7 @@ class ShapeSurface(SurfaceContacts):
         self.at_mesh.slack[:] = -1.0
         self.at_mesh.replace(
             near=np.zeros(triangles, np.int64), features=np.zeros((self.size, features, 3), np.int64),
-            quiet=np.zeros((self.size, features)), rows=np.zeros((rows, 7)), group=np.zeros(rows, np.int64),
+            clear_to=np.zeros((self.size, features)), rows=np.zeros((rows, 7)), group=np.zeros(rows, np.int64),
             shape=shape, gap=gap, point=point, normal=normal,
         )  # fmt: skip
 

@@ -47,7 +47,7 @@ class CoresAtMesh(NamedTuple):
         As `place`, of the last search.
     way : ndarray, shape (s,)
         How far each core has moved from search to search since its features were listed [m].
-    quiet : ndarray, shape (s, k)
+    clear_to : ndarray, shape (s, k)
         The `way` up to which each feature touches nothing; within a tolerance of a row it is that much less.
     near, points, faces, chosen, boxes : ndarray
         Room for triangles; for vertices and faces of any core in the world, for its edges and boxes about them.
@@ -69,7 +69,7 @@ class CoresAtMesh(NamedTuple):
     counts: Array
     last: Array
     way: Array
-    quiet: Array
+    clear_to: Array
     near: Array
     points: Array
     faces: Array
@@ -175,7 +175,7 @@ def free_way(at: CoresAtMesh, places: Array, s: int) -> float:
     if at.counts[s] > 0 and free > 0.0:
         way = at.way[s] + travel_from(at, at.last[s], places, s)
         for n in range(at.counts[s]):
-            free = min(free, at.quiet[s, n] - way)
+            free = min(free, at.clear_to[s, n] - way)
     return free
 
 

@@ -329,5 +329,5 @@ def list_features(at: CoresAtMesh, places: Array, s: int, tolerance: float, marg
     if count <= at.features.shape[1]:
         at.counts[s], at.way[s], at.slack[s] = count, 0.0, at.skin[s]
         for n in range(count):
-            at.quiet[s, n] = 0.0
+            at.clear_to[s, n] = 0.0
     return triangles, count

@@ -12,8 +12,8 @@ from ..shapes.convex_cores import Cores
 from ..shapes.shapes import TILTED
 from ..vectors import within_plane
 from .cores_at_mesh import ON_IT, ON_RIM, PEAK, CoresAtMesh, middle_of, place_feature, travel_from, write_place
+from .feature_clearance import clearance_of_feature
 from .near_features import list_features
-from .quiet_features import quiet_way
 from .surface_features import BESIDE as BESIDE_NORMALS
 from .surface_features import (
     above,
@@ -186,12 +186,12 @@ def all_rows(at: CoresAtMesh, places: Array, s: int, tolerance: float) -> tuple[
     for c in range(3):
         middle[c] = middle_of(places, cores, s, c)
     for n in range(at.counts[s]):
-        if at.quiet[s, n] > at.way[s] + most:
+        if at.clear_to[s, n] > at.way[s] + most:
             continue
         t, k, e = at.features[s, n, 0], at.features[s, n, 1], at.features[s, n, 2]
         place_feature(at, places, s, k, e)
-        far = quiet_way(at, s, t, k, e, middle)
-        at.quiet[s, n] = at.way[s] + far
+        far = clearance_of_feature(at, s, t, k, e, middle)
+        at.clear_to[s, n] = at.way[s] + far
         if far > most:
             continue
         if k >= ON_IT:

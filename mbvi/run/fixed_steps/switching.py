@@ -8,21 +8,21 @@ from typing import Any
 
 import numpy as np
 
-from ..arguments import function, shown
-from ..constraints import AdmissibleSet
-from ..errors import InputError
-from ..problem import Problem
-from ..projection import Projector
-from ..results.run_data import Switch
-from ..scene.connected.switched import switched
-from ..scene.model import SceneModel
-from ..scene.state import Place, State, Values
-from ..schemes import Scheme, Step
-from ..schemes.observer import contacts_of_step
-from ..system.given import called
+from ...arguments import function, shown
+from ...constraints import AdmissibleSet
+from ...errors import InputError
+from ...problem import Problem
+from ...projection import Projector
+from ...results.run_data import Array, Switch
+from ...scene.connected.switched import switched
+from ...scene.model import SceneModel
+from ...scene.state import Place, State, Values
+from ...schemes import Scheme, Step
+from ...schemes.observer import contacts_of_step
+from ...system.given import called
+from ..recorder import Recorder
+from ..start import initial_step
 from .attaching import attaching
-from .recorder import Recorder
-from .start import initial_step
 
 # least room that arrays of states grow by, and most notes of switches
 _ROOM, _MOST_NOTES = 16, 20
@@ -137,6 +137,16 @@ class SwitchedRecorder(Recorder):
         self.v[last] = after.v
 
 
+def connected_at(problem: Problem, t: float, q: Array, v: Array, scheme: Scheme, *, attached: bool) -> Problem:
+    """Return a problem with other connections at (t, q), with the nearest velocity to v that they allow.
+
+    Where none is `attached`, no velocity changes.
+    """
+    start = problem.at(q, problem.system.tangent(q, v) if attached else v, t)
+    scheme.check(start)
+    return start
+
+
 def switch_connections(
     problem: Problem, connections: dict[str, bool], t: float, state: Step, scheme: Scheme,
     projector_for: Callable[[Problem], Projector], recorder: SwitchedRecorder,
@@ -155,11 +165,9 @@ def switch_connections(
     state : Step
         After all percussions.
     """
-    new = switched(problem, t, state.q, connections)
-    # what is released alone changes no velocity
-    attached = any(connections.values())
-    start = new.at(state.q, new.system.tangent(state.q, state.v) if attached else state.v, t)
-    scheme.check(start)
+    start = connected_at(
+        switched(problem, t, state.q, connections), t, state.q, state.v, scheme, attached=any(connections.values())
+    )
     projector = projector_for(start)
     after = initial_step(start, projector)._replace(t=state.t)
     recorder.switched(start, connections, state, after)

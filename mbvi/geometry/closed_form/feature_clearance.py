@@ -20,8 +20,8 @@ _ASKEW, _ROUNDED = 1e-3, 0.999
 
 
 @kernel("f8(CoresAtMesh, i8, i8, i8, f8[::1])")
-def quiet_vertex(at: CoresAtMesh, s: int, t: int, i: int, middle: Array) -> float:
-    """Return how far core s may move until its vertex i touches triangle t [m]; see `quiet_way`."""
+def vertex_clearance(at: CoresAtMesh, s: int, t: int, i: int, middle: Array) -> float:
+    """Return how far core s may move until its vertex i touches triangle t [m]; see `clearance_of_feature`."""
     mesh, radius, inner = at.mesh, at.cores.sizes[s, 3], at.cores.sizes[s, 4]
     x, y, z = at.points[i, 0], at.points[i, 1], at.points[i, 2]
     height = above(mesh.planes, t, 0, x, y, z)
@@ -36,8 +36,8 @@ def quiet_vertex(at: CoresAtMesh, s: int, t: int, i: int, middle: Array) -> floa
 
 
 @kernel("f8(CoresAtMesh, i8, i8, i8, f8[::1])")
-def quiet_face(at: CoresAtMesh, s: int, p: int, f: int, middle: Array) -> float:
-    """Return how far core s may move until its face f touches vertex p of the mesh, a peak [m]; see `quiet_way`."""
+def face_clearance(at: CoresAtMesh, s: int, p: int, f: int, middle: Array) -> float:
+    """Return how far core s may move until its face f touches vertex p, a peak [m]; see `clearance_of_feature`."""
     mesh, cores, points, faces = at.mesh, at.cores, at.points, at.faces
     x, y, z = mesh.vertices[p, 0], mesh.vertices[p, 1], mesh.vertices[p, 2]
     d, m, n = faces[f, 0], faces[f, 1], faces[f, 2]
@@ -112,8 +112,8 @@ def ends_beside(
 
 
 @kernel("f8(CoresAtMesh, i8, i8, i8, i8, f8[::1])")
-def quiet_edge(at: CoresAtMesh, s: int, t: int, k: int, e: int, middle: Array) -> float:
-    """Return how far core s may move until its edge e touches the ridge at edge k of triangle t [m]; see `quiet_way`.
+def edge_clearance(at: CoresAtMesh, s: int, t: int, k: int, e: int, middle: Array) -> float:
+    """Return how far core s may move until its edge e touches the ridge k of triangle t [m], as `clearance_of_feature`.
 
     The normal across both, u x w over its length, the sine, changes by at most 2 / sine times what u turns by.
     """
@@ -163,7 +163,7 @@ def quiet_edge(at: CoresAtMesh, s: int, t: int, k: int, e: int, middle: Array) -
 
 
 @kernel("f8(CoresAtMesh, i8, i8, i8, i8, f8[::1])")
-def quiet_way(at: CoresAtMesh, s: int, t: int, k: int, e: int, middle: Array) -> float:
+def clearance_of_feature(at: CoresAtMesh, s: int, t: int, k: int, e: int, middle: Array) -> float:
     """Return a bound of how far core s may move until one of its features has a row whose gap is 0 or less [m].
 
     Parameters
@@ -178,11 +178,11 @@ def quiet_way(at: CoresAtMesh, s: int, t: int, k: int, e: int, middle: Array) ->
     far = 0.0
     if k >= ON_IT:
         # the lowest point of a rim moves along it
-        far = quiet_vertex(at, s, t, e, middle) if at.cores.rims[s, 3] == 0.0 else 0.0
+        far = vertex_clearance(at, s, t, e, middle) if at.cores.rims[s, 3] == 0.0 else 0.0
     elif at.cores.sizes[s, 3] == 0.0:
         far = (
-            quiet_edge(at, s, t, k, e, middle)
+            edge_clearance(at, s, t, k, e, middle)
             if k < PEAK
-            else quiet_face(at, s, at.mesh.triangles[t, k - PEAK], e, middle)
+            else face_clearance(at, s, at.mesh.triangles[t, k - PEAK], e, middle)
         )
     return far - 4.0 * at.eps

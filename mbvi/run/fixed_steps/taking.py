@@ -7,21 +7,21 @@ from functools import partial
 from time import perf_counter
 from typing import NamedTuple
 
-from ..errors import ProjectionError
-from ..problem import Problem
-from ..projection import Projector
-from ..results.files.hdf5 import Writer
-from ..schemes import Scheme, Step
-from ..schemes.step import end_at
-from .accuracy import residual_note
-from .control_stability import failures_with_time
-from .loop.compiled_loop import compiled_loop
-from .progress import Progress
-from .recorder import Recorder
-from .retaken import SolvedSteps
-from .sleeping import Sleepers
+from ...errors import ProjectionError
+from ...problem import Problem
+from ...projection import Projector
+from ...results.files.hdf5 import Writer
+from ...schemes import Scheme, Step
+from ...schemes.step import end_at
+from ..accuracy import residual_note
+from ..control_stability import failures_with_time
+from ..loop.compiled_loop import compiled_loop
+from ..progress import Progress
+from ..recorder import Recorder
+from ..retaken import SolvedSteps
+from ..sleeping import Sleepers
+from ..tunnelling import TunnellingGuard
 from .switching import Switching
-from .tunnelling import TunnellingGuard
 
 
 class Plan(NamedTuple):

@@ -6,11 +6,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..problem import Problem
-from ..results.loop_forces import Place, placed_equalities, rows_in_world, without_equalities
-from ..results.run_data import Array, Impact
-from ..schemes import Step
-from ..system.mechanisms.equalities import PointRows
+from ...problem import Problem
+from ...results.loop_forces import Place, placed_equalities, rows_in_world, without_equalities
+from ...results.run_data import Array, Impact
+from ...schemes import Step
+from ...system.mechanisms.equalities import PointRows
 
 # changes of v, and percussions, that are rounding
 _ROUNDING = 1e-12

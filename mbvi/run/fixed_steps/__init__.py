@@ -1,0 +1,1 @@
+"""Runs of steps of one length, in which connections may be switched."""
