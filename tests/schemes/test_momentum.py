@@ -94,13 +94,13 @@ EVEN = [("ball", "ball"), ("round", "ball"), ("cube", "ball"), ("cube", "cube"),
 @pytest.mark.parametrize("kinds", EVEN, ids="-".join)
 def test_two_bodies_that_meet_keep_both_momenta_in_every_step(kinds, e, mu, tmp_path_factory):
     struck = 0
-    for seed in range(2):
+    for seed in range(3):
         problem = meeting(kinds, e, mu, np.random.default_rng([seed, 7]), tmp_path_factory.getbasetemp())
         for scheme, h in [(SCHEMES[0], 1e-3), (SCHEMES[0], 6e-3), *((scheme, 4e-3) for scheme in SCHEMES[1:])]:
             steps = [step for _, step in zip(range(int(0.25 / h)), mbvi.steps(problem, scheme, step=h), strict=False)]
             struck += any(step.percussion.any() for step in steps)
             assert largest_changes(problem, [(step.q, step.v) for step in steps]).max() < 1e-13
-    assert struck > 8
+    assert struck > 12
 
 
 UNEVEN = [("box", "ball"), ("box", "box"), ("oval", "box"), ("hull", "box"), ("link", "ball"), ("link", "link")]

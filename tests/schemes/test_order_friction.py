@@ -17,11 +17,14 @@ PAOLI, MOREAU, CENTERED, LIFTED, PLASTIC = (
 )
 SCHEMES = (PAOLI, MOREAU, CENTERED, LIFTED, PLASTIC)
 MOVING = [name for name in reference.ROUGH if name != "block that sticks"]
-# a stop and a turn, rolling, impacts, stick and slip in turns, a jam
+# a stop, a turn, a belt, rolling, impacts, a slip whose direction turns, stick and slip in turns, a jam
 OF_EACH_KIND = (
     "block launched up, that comes back",
+    "block on a belt",
+    "box that tips",
     "ball that slides, then rolls",
     "ball with spin, six bounces",
+    "tripod that slides and spins",
     "pendulum on a wall",
     "Painlevé rod",
 )
