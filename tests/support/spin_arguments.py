@@ -48,6 +48,7 @@ def _free_velocities(rng):
 
 def model_of_free_links(rng):
     """A model of a robot and of bodies on both kinds of joints of six velocities."""
+    pin.seed(int(rng.integers(2**31)))
     model = pin.Model()
     for k, inertia in enumerate(random_inertias(rng, 3)):
         joint = free_joint() if k == 1 else pin.JointModelFreeFlyer()

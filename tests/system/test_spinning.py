@@ -3,13 +3,13 @@
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from mbvi.system import ArticulatedSystem, FreeBodies
-from mbvi.system.free.spinning import free_links, principal, spin
+from mbvi.system.free.spinning import PART, free_links, principal, spin
 from mbvi_studies.chart.errors import fitted_order
 from support.spin_arguments import model_of_free_links, random_inertias
 
@@ -105,7 +105,8 @@ def test_a_link_that_is_a_free_body_obeys_the_same_equation_with_forces(seed, h)
     rng = np.random.default_rng(seed)
     inertia = pin.Inertia(rng.uniform(0.1, 5.0), 0.3 * rng.normal(size=3), random_inertias(rng, 1)[0])
     model = pin.Model()
-    joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Random(), "body")
+    place = pin.SE3(Rotation.random(rng=rng).as_matrix(), rng.normal(size=3))
+    joint = model.addJoint(0, pin.JointModelFreeFlyer(), place, "body")
     model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
     model.gravity.linear = rng.normal(size=3)
     torque, q, v = rng.normal(size=6), np.concatenate([rng.normal(size=3), Rotation.random(rng=rng).as_quat()]), None
@@ -117,6 +118,8 @@ def test_a_link_that_is_a_free_body_obeys_the_same_equation_with_forces(seed, h)
     force = torque[:3] + inertia.mass * down.T @ model.gravity.linear
     moment = torque[3:] - np.cross(inertia.lever, torque[:3])
     J, w, new = inertia.inertia, v[3:], free[3:]
+    # a body that turns farther in a step takes it in parts, each of which obeys the equation
+    assume(h * np.linalg.norm(w + 0.5 * h * np.linalg.solve(J, moment)) < 0.99 * PART)
     mean = 0.5 * (w + new)
     size = np.abs(J).max() * np.abs(w).max() + h * np.abs(moment).max()
     np.testing.assert_allclose(J @ (new - w), h * (moment - np.cross(mean, J @ mean)), rtol=0, atol=1e-12 * size)

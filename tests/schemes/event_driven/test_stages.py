@@ -20,6 +20,7 @@ seeds = st.integers(0, 10_000).map(np.random.default_rng)
 def test_the_rate_of_a_chart(rng, size):
     """Pinocchio's derivative of the retraction takes it back to the velocity."""
     model = random_model(rng)
+    pin.seed(int(rng.integers(2**31)))
     q, v, rate = pin.randomConfiguration(model, -np.ones(model.nq), np.ones(model.nq)), rng.normal(size=model.nv), None
     dq = rng.uniform(-size, size, size=model.nv)
     rate = np.empty(model.nv)
