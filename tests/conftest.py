@@ -7,6 +7,7 @@ import os
 import numpy as np
 import pytest
 from hypothesis import settings
+from hypothesis.internal.conjecture import providers
 
 from mbvi.compiled import compile_all
 
@@ -15,6 +16,8 @@ pytest.register_assert_rewrite("support")
 
 settings.register_profile("mbvi", derandomize=True, deadline=None, max_examples=60)
 settings.load_profile("mbvi")
+# numbers found in whatever modules are loaded would make the examples of a test depend on the tests before it
+providers.HypothesisProvider._local_constants = providers.Constants()
 
 
 def pytest_collection_modifyitems(items):
