@@ -52,9 +52,8 @@ class Simulator:
 
     Notes
     -----
-    Bodies do not sleep here, so that heaps at rest differ from those of `simulate` by rounding. So do runs of several
-    robots or bodies that `simulate` takes in compiled code: of those without a robot only the ones of at least 10,000
-    steps.
+    Bodies do not sleep here, so that heaps at rest differ from those of `simulate` by rounding. So do scenes with
+    connections, a control of the whole scene or given constraints that `simulate` takes in compiled code.
     """
 
     def __init__(self, problem: Problem, scheme: Scheme | None = None, *, step: float) -> None:
@@ -278,7 +277,7 @@ class _PythonStepper:
 
 
 class _CompiledStepper:
-    """Steps of one mechanism, in compiled code."""
+    """Steps in compiled code."""
 
     def __init__(self, own: OwnProblem, scheme: Scheme, h: float) -> None:
         self._own, self._run, self._h = own, MechanismRun(own, scheme, h, 1), h

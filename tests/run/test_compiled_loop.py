@@ -302,7 +302,6 @@ def in_a_vise(mu):
     )
 
 
-@pytest.mark.usefixtures("always")
 @pytest.mark.parametrize("mu", [0.0, 0.6])
 def test_what_can_be_raised_beside_contacts_that_contradict_each_other_is_as_by_the_scheme(mu, monkeypatch):
     found, displace = [], position_projection.displacement_of_groups
@@ -351,7 +350,6 @@ SPREAD = 1e-9
 SEVERAL = [struck, two_hoppers, among_boxes, one_box, one_ball, small_heap, tumbling]
 
 
-@pytest.mark.usefixtures("always")
 @each_scheme
 @pytest.mark.parametrize("mu", [0.0, 0.6])
 # at rest percussions of connected bodies are unique only but for what the connection bears, which is not compared
@@ -362,7 +360,6 @@ def test_a_step_of_several_bodies_is_that_of_the_scheme(scene, mu, scheme):
     assert share == 1.0 if scene is not two_hoppers else share > 0.9
 
 
-@pytest.mark.usefixtures("always")
 @pytest.mark.parametrize("mu", [0.0, 0.6])
 @pytest.mark.parametrize("scene", SEVERAL)
 def test_a_step_of_several_bodies_that_have_sunk_is_that_of_the_scheme(scene, mu):
@@ -371,7 +368,6 @@ def test_a_step_of_several_bodies_that_have_sunk_is_that_of_the_scheme(scene, mu
     assert np.mean([step is not None for step in steps]) > 0.9
 
 
-@pytest.mark.usefixtures("always")
 @pytest.mark.parametrize(("scene", "e", "scheme"), [(struck, 0.0, 3), (one_box, 0.5, 0), (small_heap, 0.0, 3)])
 def test_a_step_of_several_bodies_with_rolling_friction_is_that_of_the_scheme(scene, e, scheme):
     steps = [*steps_that_agree(scene(e, RESISTING), SCHEMES[scheme], 80, 1e-6, SPREAD)]
@@ -380,7 +376,6 @@ def test_a_step_of_several_bodies_with_rolling_friction_is_that_of_the_scheme(sc
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("always")
 @each_scheme
 @pytest.mark.parametrize("mu", [0.0, 0.6])
 @pytest.mark.parametrize("scene", SEVERAL)
@@ -414,7 +409,6 @@ CONTROLS = {
 }
 
 
-@pytest.mark.usefixtures("always")
 @each_scheme
 @pytest.mark.parametrize("name", CONTROLS)
 def test_robots_with_controls_move_as_by_the_python_step(name, scheme):
@@ -489,7 +483,7 @@ def test_a_run_of_any_scheme_is_close_to_that_of_the_python_step(scheme, monkeyp
 @each_scheme
 @pytest.mark.parametrize("mu", [0.0, 0.6])
 @pytest.mark.parametrize("scene", SEVERAL)
-def test_a_run_of_several_bodies_is_close_to_that_of_the_python_step(scene, mu, scheme, always, loops, monkeypatch):
+def test_a_run_of_several_bodies_is_close_to_that_of_the_python_step(scene, mu, scheme, loops, monkeypatch):
     problem = scene(0.5, mu)
     run = mbvi.simulate(copied(problem), scheme, step=STEP, duration=0.15, progress=False)
     assert loops[0] is not None
@@ -501,22 +495,9 @@ def test_a_run_of_several_bodies_is_close_to_that_of_the_python_step(scene, mu, 
     assert run.notes == other.notes
 
 
-def test_only_long_runs_of_several_bodies_take_the_loop(loops):
-    """It begins after a number of steps, so that a run begins as a shorter one does, to the last bit."""
-    runs = []
-    for steps in (compiled_loop.LONG, compiled_loop.LONG + 2 * compiled_loop.CHUNK):
-        problem = one_ball(0.5, 0.0)
-        runs.append(mbvi.simulate(problem, mbvi.Paoli(), step=1e-5, duration=1e-5 * steps, progress=False))
-    assert loops[0] is None
-    assert loops[1].codes[0] == 2
-    short, long = runs
-    n = len(short.q) - 1
-    assert short.q[:n].tobytes() == long.q[:n].tobytes() and short.v[:n].tobytes() == long.v[:n].tobytes()
-
-
-def test_the_loop_takes_bodies_beside_a_robot_from_the_first_step(loops, monkeypatch):
-    """Its kernel is that of the robot alone, which is compiled for short runs too."""
-    problem, scheme = among_boxes(0.0, 0.0), mbvi.Centered(project_positions=True)
+@pytest.mark.parametrize("scene", [among_boxes, one_box, one_ball])
+def test_the_loop_takes_short_runs_of_bodies_with_a_robot_and_without(scene, loops, monkeypatch):
+    problem, scheme = scene(0.0, 0.0), mbvi.Centered(project_positions=True)
     run = mbvi.simulate(copied(problem), scheme, step=STEP, duration=0.05, progress=False)
     assert loops[0].codes[0] > 0
     other = by_python(monkeypatch, problem, scheme, step=STEP, duration=0.05)
@@ -524,7 +505,7 @@ def test_the_loop_takes_bodies_beside_a_robot_from_the_first_step(loops, monkeyp
     np.testing.assert_allclose(run.v, other.v, rtol=0.0, atol=1e-11)
 
 
-def test_bodies_at_rest_sleep_only_where_the_loop_leaves_steps_to_python(always, tmp_path, loops, monkeypatch):
+def test_bodies_at_rest_sleep_only_where_the_loop_leaves_steps_to_python(tmp_path, loops, monkeypatch):
     """Boxes at rest beside a robot that moves, and a box beside one with more rows than the loop has room for."""
     slept = []
     find = Sleepers._set
@@ -682,7 +663,7 @@ def test_other_runs_go_by_the_python_step(case, loops):
     assert run.impacts
 
 
-def test_stewart_trinkle_takes_the_loop_only_with_one_mechanism(always, loops):
+def test_stewart_trinkle_takes_the_loop_only_with_one_mechanism(loops):
     for scene in (hopper, two_hoppers):
         mbvi.simulate(scene(0.5, 0.0), mbvi.StewartTrinkle(), step=STEP, duration=0.05, progress=False)
     assert loops[0].codes[0] > 0

@@ -16,7 +16,6 @@ from support.paths import ROBOTS
 STEP = 1e-3
 SCHEMES = [mbvi.Paoli(), mbvi.MoreauJean(), mbvi.Centered(), mbvi.Centered(project_positions=True)]
 each_scheme = pytest.mark.parametrize("scheme", SCHEMES, ids=repr)
-pytestmark = pytest.mark.usefixtures("always")
 
 
 def scene_of(own=None, **options):

@@ -109,12 +109,6 @@ SCENES = {
 }
 
 
-@pytest.fixture
-def always(monkeypatch):
-    """Short runs of several bodies take the loop too."""
-    monkeypatch.setattr(compiled_loop, "LONG", 0)
-
-
 def run_of(problem, scheme, duration, folder, step=1e-3, **options):
     if options.pop("out", False):
         options["out"] = folder / "run.h5"
@@ -152,7 +146,6 @@ def recording_changes_nothing(make, scheme, duration, folder, step=1e-3, looks=(
     return run
 
 
-@pytest.mark.usefixtures("always")
 @pytest.mark.parametrize("name", SCENES)
 def test_recording_changes_no_byte(name, tmp_path):
     make, e, mu, scheme = SCENES[name]
@@ -172,7 +165,6 @@ def by_python(problem, scheme, **options):
         return mbvi.simulate(problem, scheme, progress=False, **options)
 
 
-@pytest.mark.usefixtures("always")
 @pytest.mark.parametrize("every", [1, 4])
 @pytest.mark.parametrize("mu", [0.0, 0.6])
 @pytest.mark.parametrize("make", [hopper, swaying, on_block, two_hoppers, among_boxes])

@@ -32,7 +32,6 @@ def took_every_step(loop):
     return loop is not None and loop.codes[DONE] > 0 and loop.codes[DONE] + loop.codes[FULL] == loop.codes.sum()
 
 
-@pytest.mark.usefixtures("always")
 @pytest.mark.parametrize("scheme", SCHEMES, ids=str)
 def test_a_ball_rolls_to_rest_as_the_torque_says(scheme, loops):
     length, speed, spin, torsion = 0.004, 0.2, 2.0, 0.01

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import mbvi
-from mbvi.run.rollouts.rollout_job import RolloutStatus
+from mbvi.run.rollouts.rollout_job import Job, RolloutStatus
+from support.loop_arguments import among_boxes, one_box, small_heap, two_hoppers
 from support.paths import ROBOTS
 from support.robot_problems import problem_of
 
@@ -52,6 +53,20 @@ def test_a_rollout_has_the_bytes_of_simulate_on_any_number_of_threads(name, sche
         assert bytes_of(found[0], i) == expected_of(problem, q0[i], v0[i], scheme)
     for other in found[1:]:
         assert (other.q.tobytes(), other.v.tobytes()) == (found[0].q.tobytes(), found[0].v.tobytes())
+
+
+@pytest.mark.parametrize("mu", [0.0, 0.6])
+@pytest.mark.parametrize("scheme", [mbvi.Paoli(), mbvi.Centered(project_positions=True)], ids=repr)
+@pytest.mark.parametrize("scene", [one_box, small_heap, two_hoppers, among_boxes])
+def test_so_it_does_with_bodies_and_several_robots(scene, scheme, mu, rng, monkeypatch):
+    problem = scene(0.3, mu)
+    q0, v0 = states_about(problem, rng)
+    v0[:, 2] -= 3.0
+    monkeypatch.setattr(Job, "run_by_simulate", None)
+    found = mbvi.rollout(problem, q0, v0, steps=100, step=STEP, scheme=scheme, threads=2)
+    assert not found.status.any()
+    for i in range(COUNT):
+        assert bytes_of(found, i) == expected_of(problem, q0[i], v0[i], scheme, 100)
 
 
 @pytest.mark.slow

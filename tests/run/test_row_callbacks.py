@@ -13,7 +13,6 @@ STEP = 1e-3
 SCHEMES = [
     mbvi.Paoli(), mbvi.MoreauJean(), mbvi.Centered(), mbvi.Centered(project_positions=True), mbvi.StewartTrinkle(),
 ]  # fmt: skip
-pytestmark = pytest.mark.usefixtures("always")
 
 
 class Posts:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import mbvi
+from support.loop_arguments import among_boxes
 from support.paths import ROBOTS
 from support.robot_problems import problem_of
 
@@ -25,9 +26,10 @@ def grains():
 @pytest.mark.parametrize(
     "scheme", [mbvi.Paoli(), mbvi.Centered(project_positions=True), mbvi.SchatzmanPaoli()], ids=repr
 )
-@pytest.mark.parametrize("name", ["hopper", "double_pendulum", "grains"])
+@pytest.mark.parametrize("name", ["hopper", "double_pendulum", "grains", "robot among boxes"])
 def test_a_simulator_has_the_bytes_of_simulate(name, scheme):
-    problem = grains() if name == "grains" else problem_of(name, "limits", 0.3)
+    bodies = {"grains": grains, "robot among boxes": lambda: among_boxes(0.3, 0.0)}
+    problem = bodies[name]() if name in bodies else problem_of(name, "limits", 0.3)
     run = expected_of(problem, scheme)
     simulator = mbvi.Simulator(problem, scheme, step=STEP)
     for chunk in (1, 7, STEPS):

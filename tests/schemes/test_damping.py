@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from scipy.linalg import eigh
 
 import mbvi
-from mbvi.run.loop import compiled_loop
 from mbvi.run.loop.loop_scope import is_compiled
 from mbvi_studies.chart.errors import fitted_order
 from support.paths import ROBOTS, real_robot
@@ -155,10 +154,8 @@ PARTS = {
 @pytest.mark.parametrize("names", [("arm", "pendulum"), ("arm", "held", "pendulum", "box", "ball")], ids=len)
 @both
 @each
-def test_what_never_meets_moves_as_each_alone(tmp_path, scheme, follow, names, monkeypatch):
+def test_what_never_meets_moves_as_each_alone(tmp_path, scheme, follow, names):
     """The arm runs into a limit, the box tumbles, one pendulum has a control."""
-    # otherwise the loop takes several bodies after 10 000 steps only
-    monkeypatch.setattr(compiled_loop, "LONG", 0)
     path = damped(tmp_path, "double_pendulum", 0.02, 0.3)
 
     def build(some):
@@ -169,7 +166,7 @@ def test_what_never_meets_moves_as_each_alone(tmp_path, scheme, follow, names, m
 
     together, alone = build(names), [build([name]) for name in names]
     assert together.system.nv == sum(problem.system.nv for problem in alone)
-    h, count = (5e-3, 150) if follow is by_python else (1e-4, 10_001)
+    h, count = 5e-3, 150
     q, v = (
         np.split(end, np.cumsum(sizes)[:-1])
         for end, sizes in zip(

@@ -8,7 +8,6 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 import mbvi
-from mbvi.run.loop import compiled_loop
 from mbvi.run.loop.loop_scope import is_compiled
 from mbvi_studies.chart.errors import fitted_order
 from support.paths import DATA, ROBOTS
@@ -245,9 +244,7 @@ PARTS = {
 
 @both
 @each
-def test_what_never_meets_moves_as_each_alone(scheme, follow, monkeypatch):
-    # otherwise the loop takes several bodies after 10 000 steps only
-    monkeypatch.setattr(compiled_loop, "LONG", 0)
+def test_what_never_meets_moves_as_each_alone(scheme, follow):
 
     def made(names):
         scene = mbvi.Scene(restitution=0.3)
@@ -256,7 +253,7 @@ def test_what_never_meets_moves_as_each_alone(scheme, follow, monkeypatch):
         return scene.build()
 
     together, alone = made(PARTS), {name: made([name]) for name in PARTS}
-    h, count = (5e-3, 150) if follow is by_python else (1e-4, 10_001)
+    h, count = 5e-3, 150
     if follow is by_loop and not is_compiled(together, scheme):
         pytest.skip("the loop does not take these together")
     q, v = (states[-1] for states in follow(together, scheme, h, count))

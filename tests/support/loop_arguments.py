@@ -77,7 +77,6 @@ def arguments_of_call(number, wanted, problem, scheme):
     item = next(one for one in LOOP_KERNELS if one.__name__ == wanted)
     with pytest.MonkeyPatch.context() as patched, warnings.catch_warnings(), pytest.raises(_Caught) as caught:
         warnings.simplefilter("ignore", mbvi.MbviWarning)
-        patched.setattr(compiled_loop, "LONG", 0)
         patched.setattr(compiled_loop, "held", lambda record: record)
         patched.setattr(records, "hold", hold_once(records.hold))
         loop = loop_scope.loop_of(scheme)

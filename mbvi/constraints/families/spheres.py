@@ -12,6 +12,7 @@ from ...geometry.broad.verlet_list import VerletList
 from ...system import System
 from ...system.free.sparse_rows import dense
 from ..family import ConstraintFamily, RowTable
+from ..rebuilt import Rebuilt
 from ..rows import Array, Rows
 
 # most spheres of which the tunnelling guard lists all pairs
@@ -84,7 +85,7 @@ class SphereCentres(NamedTuple):
         return q[self.start : end].reshape(self.number, self.stride)[:, :3]
 
 
-class SphereContacts(ConstraintFamily):
+class SphereContacts(Rebuilt, ConstraintFamily):
     """Every pair of free spheres; only pairs of the Verlet list are measured.
 
     Parameters

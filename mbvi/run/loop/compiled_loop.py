@@ -30,7 +30,7 @@ from ..tunnelling import TunnellingGuard
 from .callbacks import PythonCallbacks, python_callbacks
 from .impact_rows import LaterRows
 from .loop_record import PLAIN, ROUGH, TURNING, LoopRecord
-from .loop_scope import control_of, has_mechanism, is_compiled, loop_of
+from .loop_scope import control_of, is_compiled, loop_of
 from .step_loop import FULL, Loop
 
 Array = np.ndarray
@@ -43,8 +43,6 @@ _ROWS = 40_000
 _PERCUSSION = 8
 # after so many attempts in a row that took no step, so many steps are Python's without one
 _ATTEMPTS, _WAIT = 3, 7
-# steps of a run after which the loop takes systems without a mechanism: shorter runs do without its kernels
-LONG = 10_000
 _NOTHING = np.zeros(0)
 
 
@@ -80,8 +78,6 @@ class CompiledLoop:
     ) -> None:  # fmt: skip
         self._problem, self._projector, self._recorder = problem, projector, recorder
         self._loop, self._limit, self._h, self._every, self._total = loop, guard.limit, h, every, total
-        # counted from the start: a run begins as a shorter one does, to the last bit
-        self._begin = 0 if has_mechanism(problem.system) else LONG
         self._state = MechanismState(problem.constraints)
         self._callbacks = python_callbacks(problem, self._state)
         self._step = mechanism_step(problem, scheme, projector.residual, mechanism, self._state, self._callbacks)
@@ -104,7 +100,7 @@ class CompiledLoop:
         complete : bool
             Whether none of them was left to Python.
         """
-        self.idle = done < self._begin or self._patience.waits() or not self._state.enter()
+        self.idle = self._patience.waits() or not self._state.enter()
         if self.idle:
             return state, done, False
         problem, recorder, memory = self._problem, self._recorder, self._memory
@@ -299,9 +295,7 @@ def compiled_loop(
 ) -> CompiledLoop | None:  # fmt: skip
     """Return the loop of a run, or None if its steps are Python's: see docs/developer/architecture.md."""
     loop = loop_of(scheme)
-    if loop is None or not is_compiled(problem, scheme) or projector.solver:
-        return None
-    if projector.accepted is not None or (not has_mechanism(problem.system) and total <= LONG):
+    if loop is None or not is_compiled(problem, scheme) or projector.solver or projector.accepted is not None:
         return None
     mechanism = joined(problem.system).mechanism()
     if mechanism is None:

@@ -38,19 +38,18 @@ def is_compiled(problem: Problem, scheme: Scheme) -> bool:
 
 
 def is_compiled_on_copies(problem: Problem, scheme: Scheme) -> bool:
-    """Return whether the loop takes the steps on copies of a problem, which given constraints cannot have."""
-    alone = problem.system.single_mechanism and not has_given_rows(problem.constraints)
-    return alone and is_compiled(problem, scheme)
+    """Return whether the loop takes the steps on copies of a problem.
+
+    Given constraints have none, nor have forces on several bodies, or connections between them.
+    """
+    system = problem.system
+    alone = system.single_mechanism or not (system.loaded or system.whole is not None)
+    return alone and not has_given_rows(problem.constraints) and is_compiled(problem, scheme)
 
 
 def has_user_forces(system: System) -> bool:
     """Return whether a function of the user acts on a system, which the loop calls."""
     return system.loaded or _tables(system) is None
-
-
-def has_mechanism(system: System) -> bool:
-    """Return whether a mechanism is among the parts of a system, whose loop is compiled when it runs alone, too."""
-    return any(part.single_mechanism for part in parts_of(system))
 
 
 def _tables(system: System) -> list[tuple[ControlTable, Part]] | None:

@@ -1,4 +1,4 @@
-"""A problem of one mechanism that the compiled loop steps, on a copy of its own."""
+"""A problem that the compiled loop steps, on a copy of its own."""
 
 from __future__ import annotations
 
@@ -14,9 +14,12 @@ from ...problem import Problem
 from ...projection import Projector
 from ...schemes import Scheme, Step
 from ...schemes.step import NO_RATES, STILL
+from ...system.blocks import BlockSystem
+from ...system.free.bodies import FreeBodies
 from ...system.mechanisms.articulated import ArticulatedSystem, Control
+from ...system.mechanisms.joined import joined
 from ...system.mechanisms.mechanism import Mechanism
-from ...system.system import Array
+from ...system.system import Array, System
 from ..accuracy import projector_of
 from ..control_stability import failures_with_time
 from ..retaken import SolvedSteps
@@ -32,7 +35,7 @@ _NEVER = 1 << 62
 
 
 class OwnProblem:
-    """A problem of one mechanism with its own caches and `pin.Data`, so that a thread can run it beside others.
+    """A problem with its own caches and `pin.Data`, so that a thread can run it beside others.
 
     It starts from what the caches of the given problem held when that was built.
 
@@ -47,36 +50,47 @@ class OwnProblem:
     """
 
     def __init__(self, problem: Problem) -> None:
-        system = problem.system
-        assert isinstance(system, ArticulatedSystem)
         problem.constraints.renew()
-        self.problem = controlled_copy(problem, system.control)
+        self.problem = _moved_by(problem, _copy_of(problem.system))
         self.state = MechanismState(self.problem.constraints)
-        own = self.problem.system
-        assert isinstance(own, ArticulatedSystem)
-        self.mechanism: Mechanism | None = own.mechanism()
+        self.mechanism: Mechanism | None = joined(self.problem.system).mechanism()
 
     @property
     def control(self) -> Control | None:
-        """Its control."""
+        """The control of its mechanism, where it is one mechanism."""
         system = self.problem.system
-        assert isinstance(system, ArticulatedSystem)
-        return system.control
+        return system.control if isinstance(system, ArticulatedSystem) else None
 
     def set_control(self, control: Control | None) -> None:
-        """Replace the control."""
+        """Replace the control of its mechanism, where it is one mechanism."""
         system = self.problem.system
-        assert isinstance(system, ArticulatedSystem)
-        system.set_control(control)
+        if isinstance(system, ArticulatedSystem):
+            system.set_control(control)
 
 
 def controlled_copy(problem: Problem, control: Control | None) -> Problem:
     """Return a copy of a problem of one mechanism with a control, and with caches of its own."""
-    system, new = problem.system, copy(problem)
-    assert isinstance(system, ArticulatedSystem)
-    new.system = ArticulatedSystem(system.model, system.name, control, system.equalities, system.springs)
-    new.constraints = problem.constraints.moved_by(new.system)
+    new = _copy_of(problem.system)
+    assert isinstance(new, ArticulatedSystem)
+    new.set_control(control)
+    return _moved_by(problem, new)
+
+
+def _moved_by(problem: Problem, system: System) -> Problem:
+    """Return a copy of a problem on a copy of its system."""
+    new = copy(problem)
+    new.system, new.constraints = system, problem.constraints.moved_by(system)
     return new
+
+
+def _copy_of(system: System) -> System:
+    """Return a copy of a system that `can_be_copied`; models and controls are shared."""
+    if isinstance(system, BlockSystem):
+        return BlockSystem([_copy_of(part) for part in system.parts])
+    if isinstance(system, FreeBodies):
+        # it has memory that its steps write to
+        return FreeBodies(system.masses, system.inertias, system.gravity, system.bodies[1:])
+    return copy(system)
 
 
 class MechanismRun:

@@ -3,7 +3,7 @@
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from mbvi.constraints.feature_kernels import EDGES, VERTEX_FACE
@@ -115,6 +115,8 @@ def test_rows_that_stay_closed_by_the_least_forces(rng):
     forces = np.linalg.pinv(J @ W, rcond=1e-10, hermitian=True) @ (wanted - J @ motion.free)
     kept, margins = motion.free + W @ forces, np.empty(k)
     size = np.abs(kept).max() + np.abs(motion.free).max()
+    # two rows of one joint may ask for different accelerations, which closed contacts do not
+    assume(np.abs(J @ kept - wanted).max() < 1e-6 * np.abs(J).max() * size)
     np.testing.assert_allclose(motion.kept, kept, atol=1e-6 * size)
     force_margins(rows, motion.free, 0.0, np.empty(k), margins)
     np.testing.assert_allclose(margins, forces * np.diag(J @ W), atol=1e-6 * np.abs(J).max() * size)
