@@ -69,7 +69,7 @@ class StewartTrinkle(Scheme):
 
     @property
     def step_kernel(self) -> Any:
-        """The kernel of the step of one mechanism; see `Scheme`."""
+        """The kernel of the step of few bodies; see `Scheme`."""
         return stewart_trinkle_step
 
     def step(self, problem: Problem, t: float, q: Array, v: Array, h: float, projector: Projector) -> Step:

@@ -45,9 +45,7 @@ from support.robot_problems import OWN, built_once, problem_of
 
 STEP = 1e-3
 SCHEMES = [mbvi.Paoli(), mbvi.MoreauJean(), mbvi.Centered(), mbvi.Centered(project_positions=True)]
-each_scheme = pytest.mark.parametrize("scheme", SCHEMES, ids=repr)
-# the loop takes one more of a mechanism alone
-each_scheme_of_one = pytest.mark.parametrize("scheme", [*SCHEMES, mbvi.StewartTrinkle()], ids=repr)
+each_scheme = pytest.mark.parametrize("scheme", [*SCHEMES, mbvi.StewartTrinkle()], ids=repr)
 pytestmark = pytest.mark.filterwarnings("ignore::mbvi.MbviWarning")
 
 
@@ -145,7 +143,8 @@ def steps_that_agree(problem, scheme, steps, disturbance=0.0, spread=0.0, run=No
             np.testing.assert_allclose(state.q, step.q, rtol=0.0, atol=scale, err_msg=f"step {i}")
             np.testing.assert_allclose(state.v, step.v, rtol=0.0, atol=scale, err_msg=f"step {i}")
             assert state.active.constraint.tolist() == step.active.constraint.tolist()
-            np.testing.assert_allclose(state.active.gap, step.active.gap, rtol=0.0, atol=1e-12)
+            # those at the end of a step differ as far as velocities do
+            np.testing.assert_allclose(state.active.gap, step.active.gap, rtol=0.0, atol=1e-12 + STEP * scale)
             np.testing.assert_array_equal(state.active.restitution, step.active.restitution)
             most = least / 1e-12 * np.abs(step.rates).max(initial=1.0)
             J, p, unique = step.active.jacobian, state.rates[0] - step.percussion, 0
@@ -167,13 +166,13 @@ def share_that_agrees(problem, scheme, steps, spread=0.0):
     return np.mean([step is not None for step in steps_that_agree(problem, scheme, steps, spread=spread)])
 
 
-@each_scheme_of_one
+@each_scheme
 @pytest.mark.parametrize("name", ["double_pendulum", "hopper", "quadruped"])
 def test_a_step_is_that_of_the_scheme(name, scheme):
     assert share_that_agrees(problem_of(name, "fall", 0.0), scheme, 200) == 1.0
 
 
-@each_scheme_of_one
+@each_scheme
 @pytest.mark.parametrize("mu", [0.0, 0.6])
 @pytest.mark.parametrize("scene", [quadruped, hopper, on_rubble])
 def test_a_step_that_bounces_or_sticks_is_that_of_the_scheme(scene, mu, scheme):
@@ -184,7 +183,7 @@ def test_a_step_that_bounces_or_sticks_is_that_of_the_scheme(scene, mu, scheme):
 RESISTING = (0.6, 0.02, 0.005)
 
 
-@each_scheme_of_one
+@each_scheme
 @pytest.mark.parametrize("scene", [hopper, swaying])
 def test_a_step_with_torsional_and_rolling_friction_is_that_of_the_scheme(scene, scheme):
     problem, resisted = scene(0.2, RESISTING), 0
@@ -416,7 +415,7 @@ def test_robots_with_controls_move_as_by_the_python_step(name, scheme):
 
 
 @pytest.mark.slow
-@each_scheme_of_one
+@each_scheme
 @pytest.mark.parametrize("name", OWN)
 def test_a_thousand_steps_are_those_of_the_scheme(name, scheme):
     assert share_that_agrees(problem_of(name, "limits", 0.5), scheme, 1000) > 0.0
@@ -470,7 +469,7 @@ def test_a_run_at_joint_limits_has_the_bytes_of_the_python_step(name, loops, mon
     same_bytes(run, by_python(monkeypatch, problem, mbvi.Paoli(), step=STEP, duration=0.3))
 
 
-@each_scheme_of_one
+@each_scheme
 def test_a_run_of_any_scheme_is_close_to_that_of_the_python_step(scheme, monkeypatch):
     problem = quadruped(0.0, 0.0)
     run = mbvi.simulate(copied(problem), scheme, step=STEP, duration=0.1, progress=False)
@@ -650,7 +649,6 @@ REFUSED = {
     "Schatzman and Paoli": (lambda: hopper(0.5, 0.0), mbvi.SchatzmanPaoli(), {}),
     "projected positions": (lambda: hopper(0.5, 0.0), mbvi.Paoli(project_positions=True), {}),
     "a chosen solver": (lambda: hopper(0.5, 0.0), mbvi.Paoli(), {"solver": mbvi.DualActiveSet()}),
-    "a short run of a body": (lambda: one_box(0.5, 0.0), mbvi.Paoli(), {}),
 }
 
 
@@ -661,13 +659,6 @@ def test_other_runs_go_by_the_python_step(case, loops):
     assert loops == [None]
     assert run.complete
     assert run.impacts
-
-
-def test_stewart_trinkle_takes_the_loop_only_with_one_mechanism(loops):
-    for scene in (hopper, two_hoppers):
-        mbvi.simulate(scene(0.5, 0.0), mbvi.StewartTrinkle(), step=STEP, duration=0.05, progress=False)
-    assert loops[0].codes[0] > 0
-    assert loops[1] is None
 
 
 def test_without_calls_by_address_the_run_is_the_same_and_says_so(loops, monkeypatch):

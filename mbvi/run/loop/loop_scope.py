@@ -13,7 +13,7 @@ from ...system.controls import LoopControl
 from ...system.mechanisms.articulated import ArticulatedSystem
 from ...system.mechanisms.joined import can_be_joined
 from ...system.system import Array, Part, System, located_parts, parts_of
-from .step_loop import Loop, loop_with, run_stewart_trinkle
+from .step_loop import Loop, loop_with
 
 # most velocities of free bodies, and most with friction: with more of them at rest the Python step, in which they
 # sleep, costs less
@@ -27,9 +27,6 @@ def is_compiled(problem: Problem, scheme: Scheme) -> bool:
     if loop is None or problem.energy_cap or system.sparse or not can_be_joined(system):
         return False
     if isinstance(system, HingedSystem):
-        return False
-    # among several bodies `StewartTrinkle` linearises contacts again at the end of a step
-    if loop is run_stewart_trinkle and not system.single_mechanism:
         return False
     most = _MOST_ROUGH if problem.constraints.frictional else _MOST_FREE
     if sum(part.nv for part in parts_of(system) if part.free_bodies) > most:

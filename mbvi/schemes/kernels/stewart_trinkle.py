@@ -1,4 +1,4 @@
-"""A step of `StewartTrinkle` for a mechanism in one kernel; see `phases`."""
+"""A step of `StewartTrinkle` for few bodies in one kernel; see `phases`."""
 
 from __future__ import annotations
 
