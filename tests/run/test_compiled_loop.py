@@ -32,6 +32,7 @@ from support.loop_arguments import (
     on_rubble,
     one_ball,
     one_box,
+    pile_of_six,
     quadruped,
     small_heap,
     struck,
@@ -352,7 +353,7 @@ SEVERAL = [struck, two_hoppers, among_boxes, one_box, one_ball, small_heap, tumb
 @each_scheme
 @pytest.mark.parametrize("mu", [0.0, 0.6])
 # at rest percussions of connected bodies are unique only but for what the connection bears, which is not compared
-@pytest.mark.parametrize("scene", [*SEVERAL, carried])
+@pytest.mark.parametrize("scene", [*SEVERAL, carried, pile_of_six])
 def test_a_step_of_several_bodies_is_that_of_the_scheme(scene, mu, scheme):
     share = share_that_agrees(scene(0.5, mu), scheme, 150, SPREAD)
     # Coal measures some pairs of hoppers

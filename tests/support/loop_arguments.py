@@ -297,6 +297,17 @@ def small_heap(e, mu):
     return scene.build()
 
 
+def pile_of_six(e, mu):
+    """Boxes fall onto each other and against a wall."""
+    scene = mbvi.Scene(restitution=e, friction=mu)
+    scene.add_halfspace((0, 0, 1), name="floor")
+    scene.add_halfspace((-1, 0, 0), -0.5, name="wall")
+    for k in range(6):
+        place = (0.22 * (k % 2), 0.02 * k, 0.12 + 0.12 * (k // 2))
+        scene.add_box((0.2, 0.15, 0.1), 0.5, position=place, velocity=(1, 0, 0), angular_velocity=(1, k, 0.5))
+    return scene.build()
+
+
 def tied(e, mu):
     """A quadruped whose front calves share a point lands within some sixty steps, a hind foot in front."""
     scene = mbvi.Scene(restitution=e, friction=mu)

@@ -15,9 +15,9 @@ from ...system.mechanisms.joined import can_be_joined
 from ...system.system import Array, Part, System, located_parts, parts_of
 from .step_loop import Loop, loop_with
 
-# most velocities of free bodies, and most with friction: with more of them at rest the Python step, in which they
-# sleep, costs less
-_MOST_FREE, _MOST_ROUGH = 30, 18
+# most velocities of free bodies, and most with friction: more of them cost so much at rest, when Python lets them
+# sleep, that this is not made up for while they move
+_MOST_FREE, _MOST_ROUGH = 60, 36
 
 
 def is_compiled(problem: Problem, scheme: Scheme) -> bool:
