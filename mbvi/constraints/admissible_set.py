@@ -170,10 +170,15 @@ class AdmissibleSet(Rebuilt):
 
     def moved_by(self, system: System) -> AdmissibleSet:
         """Return the same constraints on a copy of the system, with caches of their own, as `renew` leaves them."""
-        parts = []
+        parts, layers = [], [(self.system, system)]
+        # families take their rows from the systems within those that add forces and connections
+        while hasattr(layers[-1][0], "inner"):
+            layers.append((layers[-1][0].inner, layers[-1][1].inner))
         for one in self.constraints:
-            assert isinstance(one, Rebuilt)
-            parts.append(one.rebuilt_with(self.system, system))
+            for old, other in layers:
+                assert isinstance(one, Rebuilt)
+                one = one.rebuilt_with(old, other)
+            parts.append(one)
         new = AdmissibleSet(system, parts, np.array(self._e), np.array(self._mu))
         new._built, new.resistance = self._built, self.resistance
         new.renew()

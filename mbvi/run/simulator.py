@@ -53,7 +53,7 @@ class Simulator:
     Notes
     -----
     Bodies do not sleep here, so that heaps at rest differ from those of `simulate` by rounding. So do scenes with
-    connections, a control of the whole scene or given constraints that `simulate` takes in compiled code.
+    given constraints, or a control of the whole scene, that `simulate` takes in compiled code.
     """
 
     def __init__(self, problem: Problem, scheme: Scheme | None = None, *, step: float) -> None:

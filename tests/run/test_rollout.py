@@ -8,7 +8,7 @@ import pytest
 
 import mbvi
 from mbvi.run.rollouts.rollout_job import Job, RolloutStatus
-from support.loop_arguments import among_boxes, one_box, small_heap, two_hoppers
+from support.loop_arguments import among_boxes, carried, one_box, small_heap, two_hoppers
 from support.paths import ROBOTS
 from support.robot_problems import problem_of
 
@@ -55,9 +55,19 @@ def test_a_rollout_has_the_bytes_of_simulate_on_any_number_of_threads(name, sche
         assert (other.q.tobytes(), other.v.tobytes()) == (found[0].q.tobytes(), found[0].v.tobytes())
 
 
+def pushed(e, mu):
+    """A function of time acts on one of two boxes."""
+    scene = mbvi.Scene(restitution=e, friction=mu)
+    scene.add_halfspace((0, 0, 1), name="floor")
+    for k in range(2):
+        scene.add_box((0.2, 0.2, 0.2), position=(0.4 * k, 0, 0.13), name=f"box {k}")
+    scene.add_force("box 0", lambda t, q, v: [20.0 * np.cos(40.0 * t), 0.0, 0.0, 0.0, 0.0, 0.3])
+    return scene.build()
+
+
 @pytest.mark.parametrize("mu", [0.0, 0.6])
 @pytest.mark.parametrize("scheme", [mbvi.Paoli(), mbvi.Centered(project_positions=True)], ids=repr)
-@pytest.mark.parametrize("scene", [one_box, small_heap, two_hoppers, among_boxes])
+@pytest.mark.parametrize("scene", [one_box, small_heap, two_hoppers, among_boxes, carried, pushed])
 def test_so_it_does_with_bodies_and_several_robots(scene, scheme, mu, rng, monkeypatch):
     problem = scene(0.3, mu)
     q0, v0 = states_about(problem, rng)

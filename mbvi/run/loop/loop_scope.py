@@ -37,11 +37,10 @@ def is_compiled(problem: Problem, scheme: Scheme) -> bool:
 def is_compiled_on_copies(problem: Problem, scheme: Scheme) -> bool:
     """Return whether the loop takes the steps on copies of a problem.
 
-    Given constraints have none, nor have forces on several bodies, or connections between them.
+    Given constraints cannot be copied, and a control that sees contacts belongs to one run.
     """
-    system = problem.system
-    alone = system.single_mechanism or not (system.loaded or system.whole is not None)
-    return alone and not has_given_rows(problem.constraints) and is_compiled(problem, scheme)
+    alone = problem.system.observe is None and not has_given_rows(problem.constraints)
+    return alone and is_compiled(problem, scheme)
 
 
 def has_user_forces(system: System) -> bool:

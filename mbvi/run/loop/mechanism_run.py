@@ -14,7 +14,9 @@ from ...problem import Problem
 from ...projection import Projector
 from ...schemes import Scheme, Step
 from ...schemes.step import NO_RATES, STILL
+from ...system.actuated import ActuatedSystem
 from ...system.blocks import BlockSystem
+from ...system.connected import ConnectedSystem
 from ...system.free.bodies import FreeBodies
 from ...system.mechanisms.articulated import ArticulatedSystem, Control
 from ...system.mechanisms.joined import joined
@@ -84,7 +86,11 @@ def _moved_by(problem: Problem, system: System) -> Problem:
 
 
 def _copy_of(system: System) -> System:
-    """Return a copy of a system that `can_be_copied`; models and controls are shared."""
+    """Return a copy of a system that the loop takes; models, controls and forces from outside are shared."""
+    if isinstance(system, ActuatedSystem):
+        return ActuatedSystem(_copy_of(system.inner), system.loads, system.observe is not None)
+    if isinstance(system, ConnectedSystem):
+        return ConnectedSystem(_copy_of(system.inner), system.equalities)
     if isinstance(system, BlockSystem):
         return BlockSystem([_copy_of(part) for part in system.parts])
     if isinstance(system, FreeBodies):
