@@ -121,9 +121,47 @@ def _dense(mujoco, m, d):
     return J
 
 
-def test_an_equality_that_is_off_is_named(tmp_path):
+@pytest.mark.parametrize("kind", ["weld", "connect"])
+def test_an_equality_that_is_off_can_be_switched_on(tmp_path, kind):
+    """Both fall on their own before, and as one body after: the second has a spin."""
     pytest.importorskip("mujoco")
-    (tmp_path / "model.xml").write_text(MJCF.format(equality='<weld name="w" body1="f" body2="g" active="false"/>'))
+    more = 'anchor="0 .3 0"' if kind == "connect" else ""
+    (tmp_path / "model.xml").write_text(
+        MJCF.format(equality=f'<{kind} name="w" body1="f" body2="g" active="false" {more}/>')
+    )
+    scene = mbvi.Scene()
+    name = scene.add_mjcf(tmp_path / "model.xml", name="m")
+    problem = scene.build()
+    assert not len(problem.system.gaps(problem.q0))
+    v0, nv = problem.v0.copy(), problem.system.nv
+    v0[nv - 4 :] = 0.5, 2.0, -1.0, 3.0
+    run = mbvi.simulate(
+        problem.at(problem.q0, v0), mbvi.Paoli(), step=1e-3, duration=0.2,
+        switch=lambda state: {f"{name}_w": state.t > 0.0995}, progress=False,
+    )  # fmt: skip
+    f, g = (problem.system.bodies.index(f"{name}/{body}_joint") for body in "fg")
+
+    def relative(q):
+        poses = problem.system.placements(q, np.array([f, g]))
+        origin = (poses[1, 3] - poses[0, 3]) @ poses[0, :3].T
+        return origin, poses[1, :3] @ poses[0, :3].T
+
+    (start, _), (on, turned), (end, turned_at_end) = (relative(run.q[k]) for k in (0, 100, 200))
+    assert np.abs(on - start).max() > 1e-2
+    if kind == "weld":
+        np.testing.assert_allclose(end, on, atol=1e-12)
+        np.testing.assert_allclose(turned_at_end, turned, atol=1e-12)
+    else:
+        # the anchor, in both
+        anchor = np.array([0.0, 0.3, 0.0])
+        np.testing.assert_allclose(end + ((anchor - on) @ turned.T) @ turned_at_end, anchor, atol=1e-12)
+        assert np.abs(turned_at_end - turned).max() > 1e-2
+
+
+def test_a_coupling_that_is_off_is_named(tmp_path):
+    pytest.importorskip("mujoco")
+    off = '<joint name="w" joint1="p" joint2="s" active="false"/>'
+    (tmp_path / "model.xml").write_text(MJCF.format(equality=off))
     with pytest.warns(mbvi.MbviWarning, match="equality constraint w"):
         mbvi.Scene().add_mjcf(tmp_path / "model.xml")
 

@@ -54,8 +54,8 @@ def equalities_of(m: Any, pose: pin.SE3, own: str, bodies: Sequence[str], joints
     for k in range(m.neq):
         kind, name = int(m.eq_type[k]), m.equality(k).name or f"equality{k}"
         label = made_label(f"{own}_{name}")
-        why = "" if m.eq_active0[k] else "it is switched off at the start"
-        if not why and kind in (_CONNECT, _WELD):
+        why = "" if m.eq_active0[k] else "it is switched off, and only points and welds can be switched on"
+        if kind in (_CONNECT, _WELD):
             found.connections.append(_connection(m, k, pose, own, bodies, label))
         elif not why and kind == _JOINT and not np.any(m.eq_data[k, 2:5]) and _is_simple(m, k):
             found.couplings.append(_coupling(m, k, own, joints, label))
@@ -82,7 +82,8 @@ def _connection(m: Any, k: int, pose: pin.SE3, own: str, bodies: Sequence[str], 
         sides.append(f"{own}/{bodies[body]}" if body else "world")
         places.append(_frame(place if body else pose * place))
     (first, second), frames = sides, (places[0], places[1])
-    return ConnectionItem(label, "point" if kind == _CONNECT else "weld", first, second, frames=frames)
+    active = bool(m.eq_active0[k])
+    return ConnectionItem(label, "point" if kind == _CONNECT else "weld", first, second, frames=frames, active=active)
 
 
 def _frame(place: pin.SE3) -> Array:
