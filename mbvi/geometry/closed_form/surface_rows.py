@@ -75,22 +75,21 @@ def lowest_of_rims(
 
     Returns whether they are; see `shapes.TILTED`.
     """
-    f, axis, down = cores.frame[s], np.empty(3), np.empty(3)
-    along, square, length, number = 0.0, 0.0, 0.0, cores.first_point[s + 1] - cores.first_point[s]
-    for c in range(3):
-        axis[c] = 0.0
-        for k in range(3):
-            axis[c] += cores.rims[s, k] * places[f, k, c]
-        along += axis[c] * mesh.planes[t, 0, c]
-        square += axis[c] * axis[c]
-    for c in range(3):
-        down[c] = along / square * axis[c] - mesh.planes[t, 0, c]
-        length += down[c] * down[c]
-    if length < TILTED * TILTED:
+    f, number = cores.frame[s], cores.first_point[s + 1] - cores.first_point[s]
+    ax = ay = az = 0.0
+    for k in range(3):
+        rim = cores.rims[s, k]
+        ax, ay, az = ax + rim * places[f, k, 0], ay + rim * places[f, k, 1], az + rim * places[f, k, 2]
+    nx, ny, nz = mesh.planes[t, 0, 0], mesh.planes[t, 0, 1], mesh.planes[t, 0, 2]
+    share = (ax * nx + ay * ny + az * nz) / (ax * ax + ay * ay + az * az)
+    dx, dy, dz = share * ax - nx, share * ay - ny, share * az - nz
+    square = dx * dx + dy * dy + dz * dz
+    if square < TILTED * TILTED:
         return False
-    for c in range(3):
-        lower = middle[c] + cores.rims[s, 3] * down[c] / np.sqrt(length)
-        points[number, c], points[number + 1, c] = lower - axis[c], lower + axis[c]
+    out = cores.rims[s, 3] / np.sqrt(square)
+    x, y, z = middle[0] + out * dx, middle[1] + out * dy, middle[2] + out * dz
+    points[number, 0], points[number, 1], points[number, 2] = x - ax, y - ay, z - az
+    points[number + 1, 0], points[number + 1, 1], points[number + 1, 2] = x + ax, y + ay, z + az
     return True
 
 
@@ -169,7 +168,7 @@ def all_rows(at: CoresAtMesh, places: Array, s: int, tolerance: float) -> tuple[
         How many triangles and features there must be room for, and how many rows there are; if there is no room for
         any of them, the rows are not written.
     """
-    cores, count, middle, most = at.cores, 0, np.empty(3), max(tolerance, 0.0)
+    cores, count, most = at.cores, 0, max(tolerance, 0.0)
     step = travel_from(at, at.last[s], places, s)
     at.way[s] += step
     write_place(at, places, s, at.last[s])
@@ -183,6 +182,7 @@ def all_rows(at: CoresAtMesh, places: Array, s: int, tolerance: float) -> tuple[
             return triangles, features, 0
     if at.counts[s] == 0:
         return 0, 0, 0
+    middle = np.empty(3)
     for c in range(3):
         middle[c] = middle_of(places, cores, s, c)
     for n in range(at.counts[s]):
@@ -223,6 +223,8 @@ def few_of_each_normal(rows: Array, count: int, bound: float, group: Array) -> i
     group : ndarray of int, shape (count,)
         Scratch.
     """
+    if count < 2:
+        return count
     along, across, place, gap = np.empty(3), np.empty(3), np.empty((count, 2)), np.empty(count)
     index, chosen = np.empty(count, np.int64), np.empty(count + FEW_POINTS + 1, np.int64)
     for i in range(count):
