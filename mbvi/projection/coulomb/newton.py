@@ -84,13 +84,20 @@ def solve_linear(A: Array, y: Array, n: int) -> bool:
             end[k], end[pivot] = end[pivot], end[k]
             for j in range(k, n):
                 A[k, j], A[pivot, j] = A[pivot, j], A[k, j]
-        for i in range(k + 1, n):
-            factor = A[i, k] / A[k, k]
-            if factor != 0.0:
-                y[i] -= factor * y[k]
-                end[i] = max(end[i], end[k])
+        # two rows at once: the row of the pivot is read half as often
+        for i in range(k + 1, n - 1, 2):
+            a, b = A[i, k] / A[k, k], A[i + 1, k] / A[k, k]
+            if a != 0.0 or b != 0.0:
+                y[i], y[i + 1] = y[i] - a * y[k], y[i + 1] - b * y[k]
+                end[i], end[i + 1] = max(end[i], end[k]), max(end[i + 1], end[k])
                 for j in range(k + 1, end[k]):
-                    A[i, j] -= factor * A[k, j]
+                    A[i, j], A[i + 1, j] = A[i, j] - a * A[k, j], A[i + 1, j] - b * A[k, j]
+        if (n - k) % 2 == 0:
+            a = A[n - 1, k] / A[k, k]
+            y[n - 1] -= a * y[k]
+            end[n - 1] = max(end[n - 1], end[k])
+            for j in range(k + 1, end[k]):
+                A[n - 1, j] -= a * A[k, j]
     for k in range(n - 1, -1, -1):
         for j in range(k + 1, end[k]):
             y[k] -= A[k, j] * y[j]
