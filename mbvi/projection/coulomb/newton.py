@@ -220,8 +220,9 @@ def newton_coulomb(
         The line search compares the squared error with the largest of so many last ones.
     """
     n, m = len(b), len(mu)
-    u, error, trial, step, scale = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(m)
-    A, y, place, case, recent = np.empty((n, n)), np.empty(n), np.empty(n, np.int64), np.empty(m, np.int64), np.empty(8)
+    room, scale, recent = np.empty((n + 5, n)), np.empty(m), np.empty(8)
+    A, u, error, trial, step, y = room[5:], room[0], room[1], room[2], room[3], room[4]
+    place, case = np.empty(n, np.int64), np.empty(m, np.int64)
     largest = contact_velocities(G, b, p, u)
     if largest == 0.0:
         for i in range(n):
@@ -262,8 +263,10 @@ def hold_cases(G: Array, b: Array, mu: Array, case: Array, most: int, limit: flo
     The other arguments are those of `newton_coulomb`. p becomes the best found.
     """
     n, m = len(b), len(mu)
-    u, error, trial, step, scale = np.empty(n), np.empty(n), p.copy(), np.empty(n), np.empty(m)
-    A, y, place = np.empty((n, n)), np.empty(n), np.empty(n, np.int64)
+    room, scale, place = np.empty((n + 5, n)), np.empty(m), np.empty(n, np.int64)
+    A, u, error, trial, step, y = room[5:], room[0], room[1], room[2], room[3], room[4]
+    for i in range(n):
+        trial[i] = p[i]
     largest, best, worse = contact_velocities(G, b, p, u), np.inf, 0
     tangential_scale(G, scale)
     for _ in range(most + 1):
@@ -291,8 +294,8 @@ def resume_newton(G: Array, b: Array, mu: Array, most: int, limit: float, p: Arr
     The arguments are those of `newton_coulomb`.
     """
     n, m = len(b), len(mu)
-    u, error, step, scale, case = np.empty(n), np.empty(n), np.empty(n), np.empty(m), np.empty(m, np.int64)
-    A, y, place = np.empty((n, n)), np.empty(n), np.empty(n, np.int64)
+    room, scale, place, case = np.empty((n + 4, n)), np.empty(m), np.empty(n, np.int64), np.empty(m, np.int64)
+    A, u, error, step, y = room[4:], room[0], room[1], room[2], room[3]
     largest, residual = contact_velocities(G, b, p, u), np.inf
     tangential_scale(G, scale)
     for _ in range(most):
