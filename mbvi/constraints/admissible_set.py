@@ -170,7 +170,8 @@ class AdmissibleSet(Rebuilt):
 
     def moved_by(self, system: System) -> AdmissibleSet:
         """Return the same constraints on a copy of the system, with caches of their own, as `renew` leaves them."""
-        parts, layers = [], [(self.system, system)]
+        parts: list[Any] = []
+        layers: list[tuple[Any, Any]] = [(self.system, system)]
         # families take their rows from the systems within those that add forces and connections
         while hasattr(layers[-1][0], "inner"):
             layers.append((layers[-1][0].inner, layers[-1][1].inner))
