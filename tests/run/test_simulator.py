@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import mbvi
-from support.loop_arguments import among_boxes
+from support.loop_arguments import among_boxes, carried, small_heap
 from support.paths import ROBOTS
 from support.robot_problems import problem_of
 
@@ -58,14 +58,20 @@ def test_a_reset_goes_to_any_state(rng):
         assert simulator.q.tobytes() == run.q[-1].tobytes()
 
 
-@pytest.mark.parametrize("mu", [0.0, 0.5])
-def test_contacts_are_those_of_the_run(mu):
-    scene = mbvi.Scene(friction=mu)
+def standing(e, mu):
+    """A hopper that bends its leg by a PD control."""
+    scene = mbvi.Scene(restitution=e, friction=mu)
     scene.add_halfspace((0, 0, 1), name="floor")
     hold = mbvi.PDControl([-0.45, 0.9], 40.0, 1.0)
     joints = {"hip": -0.45, "knee": 0.9}
     scene.add_urdf(ROBOTS / "hopper/hopper.urdf", position=(0, 0, 0.5), joints=joints, control=hold, name="hopper")
-    problem = scene.build()
+    return scene.build()
+
+
+@pytest.mark.parametrize("mu", [0.0, 0.5])
+@pytest.mark.parametrize("scene", [standing, small_heap, among_boxes, carried])
+def test_contacts_are_those_of_the_run(scene, mu):
+    problem = scene(0.0, mu)
     run = mbvi.simulate(problem, step=STEP, duration=0.2, progress=False, record="contacts")
     simulator, seen = mbvi.Simulator(problem, step=STEP), 0
     assert simulator.contacts == ()
