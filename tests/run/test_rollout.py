@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import mbvi
+from mbvi.run.loop.mechanism_run import OwnProblem
 from mbvi.run.rollouts.rollout_job import Job, RolloutStatus
 from support.loop_arguments import among_boxes, carried, one_box, small_heap, two_hoppers
 from support.paths import ROBOTS
@@ -77,6 +78,15 @@ def test_so_it_does_with_bodies_and_several_robots(scene, scheme, mu, rng, monke
     assert not found.status.any()
     for i in range(COUNT):
         assert bytes_of(found, i) == expected_of(problem, q0[i], v0[i], scheme, 100)
+
+
+@pytest.mark.parametrize("scene", [one_box, two_hoppers, carried, pushed])
+def test_the_constraints_of_a_copy_belong_to_its_own_system(scene):
+    problem = scene(0.0, 0.6)
+    own = OwnProblem(problem).problem
+    shared = [problem.system, getattr(problem.system, "inner", problem.system)]
+    for constraint in own.constraints.constraints:
+        assert not any(argument is system for argument in constraint._arguments[0] for system in shared)
 
 
 @pytest.mark.slow

@@ -141,3 +141,27 @@ def test_an_error_leaves_the_state_before_it():
     expected = mbvi.Simulator(scene.build(), step=STEP)
     expected.step(10)
     np.testing.assert_allclose(simulator.q, expected.q, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("scheme", [mbvi.Paoli(), mbvi.Centered(project_positions=True)], ids=repr)
+def test_a_control_of_the_scene_sees_the_contacts_of_its_own_run(scheme):
+    felt = []
+
+    def push(state):
+        felt.append(sum(contact.percussion for contact in state.contacts))
+        return {"hopper": [0.0] * 6 + [-20.0 * felt[-1], 3.0 * felt[-1]]}
+
+    scene = mbvi.Scene(friction=0.4)
+    scene.add_halfspace((0, 0, 1), name="floor")
+    scene.add_urdf(ROBOTS / "hopper/hopper.urdf", position=(0, 0, 0.475), joints={"knee": 0.4}, name="hopper")
+    scene.add_control(push)
+    problem = scene.build()
+    simulator = mbvi.Simulator(problem, scheme, step=STEP)
+    for _ in range(150):
+        simulator.step()
+    own = [one for one in felt if one]
+    assert own
+    felt.clear()
+    run = mbvi.simulate(problem, scheme, step=STEP, duration=0.15, progress=False)
+    np.testing.assert_array_equal(simulator.q, run.q[-1])
+    assert own == [one for one in felt if one]
