@@ -47,6 +47,14 @@ def sweeps_in_a_thread():
 
 
 @pytest.fixture
+def python_steps(monkeypatch):
+    """Runs without the compiled loop."""
+    from mbvi.run.fixed_steps import taking
+
+    monkeypatch.setattr(taking, "compiled_loop", lambda *_: None)
+
+
+@pytest.fixture
 def command(capfd, tmp_path, monkeypatch):
     """Run the command line in an empty folder; returns exit code, stdout and stderr, those of C++ included."""
     from mbvi.cli.main import main

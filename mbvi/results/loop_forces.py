@@ -11,7 +11,7 @@ from ..arguments import printable, shown
 from ..errors import InputError
 from ..schemes import Centered
 from ..schemes.step import Step
-from ..system import ActuatedSystem, ArticulatedSystem, BlockSystem, ConnectedSystem, HingedSystem, System
+from ..system import ArticulatedSystem, ConnectedSystem, HingedSystem, System, with_parts
 from ..system.mechanisms.equalities import Equality, PointRows
 from .diagnosis.diagnose import State, states
 from .run_data import Array, RunData, legs
@@ -87,15 +87,13 @@ def _places(system: System) -> Iterator[Place]:
 
 def without_equalities(system: System) -> System:
     """Return the same system without its equalities."""
-    if isinstance(system, ConnectedSystem):
-        return without_equalities(system.inner)
-    if isinstance(system, ActuatedSystem):
-        return ActuatedSystem(without_equalities(system.inner), system.loads, system.observe is not None)
-    if isinstance(system, BlockSystem):
-        return BlockSystem([without_equalities(part) for part in system.parts])
-    if isinstance(system, ArticulatedSystem):
-        return ArticulatedSystem(system.model, system.name, system.control, (), system.springs)
-    return system
+
+    def replaced(part: System) -> System:
+        if not isinstance(part, ArticulatedSystem):
+            return part
+        return ArticulatedSystem(part.model, part.name, part.control, (), part.springs)
+
+    return with_parts(system.inner if isinstance(system, ConnectedSystem) else system, replaced)
 
 
 def _percussions(run: RunData, bare: System, state: State, place: Place) -> Array:

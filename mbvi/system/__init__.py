@@ -2,7 +2,7 @@
 
 from .actuated import ActuatedSystem
 from .blocks import BlockSystem
-from .connected import ConnectedSystem
+from .connected import ConnectedSystem, with_parts
 from .free.bodies import FreeBodies, Spheres
 from .free.planar import PlanarBodies, PlanarSpheres
 from .given_system import checked_system
@@ -27,4 +27,5 @@ __all__ = [
     "independent_parts",
     "located_parts",
     "parts_of",
+    "with_parts",
 ]

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
 from ..errors import InputError
 from ..projection import FreeMotion, TreeMetric, in_flight
+from .actuated import ActuatedSystem
+from .blocks import BlockSystem
 from .mechanisms.articulated import ArticulatedSystem
 from .mechanisms.equalities import CoupledJoints, Equality, PointRows
 from .mechanisms.joined import joined
@@ -133,3 +135,17 @@ class ConnectedSystem(System):
 
     def held_acceleration(self, q: Array, v: Array, free: Array) -> Array:
         return self.whole.held_acceleration(q, v, free)
+
+
+def with_parts(system: System, replaced: Callable[[System], System]) -> System:
+    """Return a system like a given one, of which each part is what a function returns for it.
+
+    Forces from outside and equalities between parts are shared.
+    """
+    if isinstance(system, ActuatedSystem):
+        return ActuatedSystem(with_parts(system.inner, replaced), system.loads, system.observe is not None)
+    if isinstance(system, ConnectedSystem):
+        return ConnectedSystem(with_parts(system.inner, replaced), system.equalities)
+    if isinstance(system, BlockSystem):
+        return BlockSystem([replaced(part) for part in system.parts])
+    return replaced(system)

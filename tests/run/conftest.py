@@ -16,9 +16,3 @@ def loops(monkeypatch):
 
     monkeypatch.setattr(taking, "compiled_loop", keep)
     return made
-
-
-@pytest.fixture
-def python_steps(monkeypatch):
-    """Runs without the compiled loop."""
-    monkeypatch.setattr(taking, "compiled_loop", lambda *_: None)

@@ -14,7 +14,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import mbvi
-from mbvi.run.fixed_steps import taking
 from mbvi.system import ActuatedSystem
 from support.paths import ROBOTS, real_robot
 
@@ -337,10 +336,9 @@ def test_force_that_leaves_the_plane_is_refused(name, entry, reduce):
         scene.build(reduce=reduce)
 
 
-def test_force_wakes_a_body_that_would_sleep_and_others_go_on_sleeping(monkeypatch):
-    # few bodies do not sleep in the compiled loop
-    monkeypatch.setattr(taking, "compiled_loop", lambda *_: None)
-
+# few bodies do not sleep in the compiled loop
+@pytest.mark.usefixtures("python_steps")
+def test_force_wakes_a_body_that_would_sleep_and_others_go_on_sleeping():
     def make(reduce):
         scene = mbvi.Scene()
         scene.add_halfspace((0, 0, 1))

@@ -245,7 +245,6 @@ PARTS = {
 @both
 @each
 def test_what_never_meets_moves_as_each_alone(scheme, follow):
-
     def made(names):
         scene = mbvi.Scene(restitution=0.3)
         for name in names:

@@ -39,8 +39,8 @@ def is_compiled_on_copies(problem: Problem, scheme: Scheme) -> bool:
 
     Given constraints cannot be copied, and a control that sees contacts belongs to one run.
     """
-    alone = problem.system.observe is None and not has_given_rows(problem.constraints)
-    return alone and is_compiled(problem, scheme)
+    own = problem.system.observe is None and not has_given_rows(problem.constraints)
+    return own and is_compiled(problem, scheme)
 
 
 def has_user_forces(system: System) -> bool:

@@ -14,10 +14,7 @@ from ...problem import Problem
 from ...projection import Projector
 from ...schemes import Scheme, Step
 from ...schemes.step import NO_RATES, STILL
-from ...system.actuated import ActuatedSystem
-from ...system.blocks import BlockSystem
-from ...system.connected import ConnectedSystem
-from ...system.free.bodies import FreeBodies
+from ...system import FreeBodies, with_parts
 from ...system.mechanisms.articulated import ArticulatedSystem, Control
 from ...system.mechanisms.joined import joined
 from ...system.mechanisms.mechanism import Mechanism
@@ -53,7 +50,7 @@ class OwnProblem:
 
     def __init__(self, problem: Problem) -> None:
         problem.constraints.renew()
-        self.problem = _moved_by(problem, _copy_of(problem.system))
+        self.problem = _moved_by(problem, with_parts(problem.system, _copy_of))
         self.state = MechanismState(self.problem.constraints)
         self.mechanism: Mechanism | None = joined(self.problem.system).mechanism()
 
@@ -85,18 +82,12 @@ def _moved_by(problem: Problem, system: System) -> Problem:
     return new
 
 
-def _copy_of(system: System) -> System:
-    """Return a copy of a system that the loop takes; models, controls and forces from outside are shared."""
-    if isinstance(system, ActuatedSystem):
-        return ActuatedSystem(_copy_of(system.inner), system.loads, system.observe is not None)
-    if isinstance(system, ConnectedSystem):
-        return ConnectedSystem(_copy_of(system.inner), system.equalities)
-    if isinstance(system, BlockSystem):
-        return BlockSystem([_copy_of(part) for part in system.parts])
-    if isinstance(system, FreeBodies):
+def _copy_of(part: System) -> System:
+    """Return a copy of a part of a system that the loop takes; models and controls are shared."""
+    if isinstance(part, FreeBodies):
         # it has memory that its steps write to
-        return FreeBodies(system.masses, system.inertias, system.gravity, system.bodies[1:])
-    return copy(system)
+        return FreeBodies(part.masses, part.inertias, part.gravity, part.bodies[1:])
+    return copy(part)
 
 
 class MechanismRun:

@@ -59,9 +59,8 @@ def rollout(
     """Simulate a problem from many initial states.
 
     Each rollout has the bytes of `simulate(problem.at(q0[i], v0[i], problem.t0), scheme, step=step,
-    duration=steps * step)`, whatever the number of threads. Robots and a few bodies run in compiled code, at
-    the time of a call of `simulate` for hundreds of steps; scenes with given constraints or a control of the whole
-    scene, and many bodies by `simulate`, one at a time.
+    duration=steps * step)`, whatever the number of threads. Robots and a few bodies run in compiled code.
+    Scenes of many bodies, with given constraints or with a control of the whole scene run by `simulate`, one at a time.
 
     Parameters
     ----------
