@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ...compiled import held
 from ...geometry.meshes.triangles import Surface
 from ...geometry.shapes.shape_table import Shapes, ShapeTable
 from ...system import System
@@ -95,9 +96,9 @@ class MechanismState:
                 k = where[kind]
                 tables[kind] = table = _pair_family(constraints, k, cache.candidates(slot[k]))
                 self._listed[slot[k]], self._candidates[slot[k]] = table.listed, table.candidates
-        walls: Any = families[where[HALF_SPACES]] if HALF_SPACES in where else _no_walls(constraints)
-        pairs: Any = families[where[PAIRS]] if PAIRS in where else _no_shapes(constraints)
-        shapes, near = pairs.loop_tables()
+        walls: Any = families[where[HALF_SPACES]] if HALF_SPACES in where else _no_walls()
+        pairs: Any = families[where[PAIRS]] if PAIRS in where else None
+        shapes, near = _no_shapes() if pairs is None else pairs.loop_tables()
         # elsewhere bodies are counted among those of the walls' pairs
         points = walls.points._replace(body=tables[HALF_SPACES].bodies[1].copy())
         self._clearances = Clearances(
@@ -209,18 +210,27 @@ def _pair_family(constraints: AdmissibleSet, k: int, candidates: Any) -> PairFam
     )  # fmt: skip
 
 
+# what there is none of is held once for all problems: kernels write nothing to it
+
+
+@cache
 def _no_pairs(nv: int) -> PairFamily:
     no, none = np.zeros(0, np.int64), np.zeros(0)
     bodies, resistance = np.zeros((2, 0), np.int64), np.zeros((0, 2))
-    return PairFamily(np.zeros((nv, 0)), none, no, np.zeros(2, np.int64), no, bodies, none, none, resistance)
+    return held(PairFamily(np.zeros((nv, 0)), none, no, np.zeros(2, np.int64), no, bodies, none, none, resistance))
+
+
+@cache
+def _no_balls() -> Balls:
+    no, numbers, vectors = np.zeros(0), np.zeros(0, np.int64), np.zeros((0, 3))
+    return held(Balls(numbers, no, numbers, vectors, numbers, no, vectors, vectors))
 
 
 def _balls(constraints: AdmissibleSet) -> tuple[Balls, PairFamily]:
     k = next((k for k, family in enumerate(constraints.families) if _kind_of(family) == BALLS), None)
     none = _no_pairs(constraints.system.nv)
     if k is None:
-        no, numbers, vectors = np.zeros(0), np.zeros(0, np.int64), np.zeros((0, 3))
-        return Balls(numbers, no, numbers, vectors, numbers, no, vectors, vectors), none
+        return _no_balls(), none
     last: Any = constraints.families[k]
     pairs, where, n = last.all_pairs(), last.where, len(last.radii)
     count, position = len(pairs), where.start + where.stride * np.arange(n)
@@ -230,39 +240,56 @@ def _balls(constraints: AdmissibleSet) -> tuple[Balls, PairFamily]:
     return Balls(position, last.radii, pairs, np.zeros((n, 3)), *room), family
 
 
-@cache
-def _nothing_at_mesh(kind: type[ShapeSurface | SphereSurface]) -> ShapeSurface | SphereSurface:
-    """Return a family without shapes, the same for all problems: kernels write nothing to it."""
+def _nothing_at_mesh(kind: type[ShapeSurface | SphereSurface]) -> Any:
     return kind(System(), [], Surface(np.eye(3), np.array([[0, 1, 2]])), "", np.zeros(0))
 
 
-def _at_mesh(constraints: AdmissibleSet, kind: int, none: type[ShapeSurface | SphereSurface]) -> tuple[Any, PairFamily]:
-    """Return the family of a kind and the numbers of its pairs, or one without pairs."""
-    nothing = _no_pairs(constraints.system.nv)
+@cache
+def _no_balls_at_mesh() -> BallsAtMesh:
+    return held(_nothing_at_mesh(SphereSurface).loop_table())
+
+
+@cache
+def _no_shapes_at_mesh(nv: int) -> ShapesAtMesh:
+    nothing = _nothing_at_mesh(ShapeSurface)
+    return held(ShapesAtMesh(nothing.at_mesh, _no_pairs(nv), nothing.frames, np.zeros((0, 4, 3))))
+
+
+def _at_mesh(constraints: AdmissibleSet, kind: int) -> tuple[Any, PairFamily] | None:
+    """Return the family of a kind, and the numbers of its pairs."""
     for k, family in enumerate(constraints.families):
         if _kind_of(family) == kind:
-            return family, _pair_family(constraints, k, nothing)
-    return _nothing_at_mesh(none), nothing
+            return family, _pair_family(constraints, k, _no_pairs(constraints.system.nv))
+    return None
 
 
 def _balls_at_mesh(constraints: AdmissibleSet) -> tuple[BallsAtMesh, PairFamily]:
-    family, pairs = _at_mesh(constraints, BALLS_AT_MESH, SphereSurface)
-    return family.loop_table(), pairs
+    found = _at_mesh(constraints, BALLS_AT_MESH)
+    if found is None:
+        return _no_balls_at_mesh(), _no_pairs(constraints.system.nv)
+    return found[0].loop_table(), found[1]
 
 
 def _shapes_at_mesh(constraints: AdmissibleSet) -> ShapesAtMesh:
-    family, pairs = _at_mesh(constraints, SHAPES_AT_MESH, ShapeSurface)
+    found = _at_mesh(constraints, SHAPES_AT_MESH)
+    if found is None:
+        return _no_shapes_at_mesh(constraints.system.nv)
+    family, pairs = found
     # all of them are looked at
     pairs = pairs._replace(listed=np.arange(family.size))
     return ShapesAtMesh(family.at_mesh, pairs, family.frames, np.zeros((len(family.frames), 4, 3)))
 
 
-def _no_walls(constraints: AdmissibleSet) -> Any:
-    return HalfSpaceContacts(constraints.system, [], [], [], np.zeros(0))
+@cache
+def _no_walls() -> HalfSpaceContacts:
+    return HalfSpaceContacts(System(), [], [], [], np.zeros(0))
 
 
-def _no_shapes(constraints: AdmissibleSet) -> Any:
-    return SignedDistances(constraints.system, ShapeTable([]), np.zeros((0, 2), np.int64), np.zeros(0))
+@cache
+def _no_shapes() -> tuple[Any, Any]:
+    """Return what `loop_tables` returns of no pairs."""
+    shapes, near = SignedDistances(System(), ShapeTable([]), np.zeros((0, 2), np.int64), np.zeros(0)).loop_tables()
+    return shapes, held(near)
 
 
 def _limits(constraints: AdmissibleSet) -> Limits:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 
+from ...compiled import held
 from ...constraints.mechanism.state import can_be_compiled, has_given_rows
 from ...problem import Problem
 from ...schemes import Scheme
@@ -66,12 +69,18 @@ def control_of(system: System) -> tuple[ControlTable, Array]:
     """Return the control of a system without functions of the user, and where its coordinates begin and end in q, v."""
     tables, nq, nv = _tables(system) or [], system.nq, system.nv
     if not tables:
-        return no_control(nv), np.array([0, nq, 0, nv])
+        return _no_control(nv), np.array([0, nq, 0, nv])
     if len(tables) == 1:
         table, part = tables[0]
         return table, np.array([part.q, part.q + part.system.nq, part.v, part.v + part.system.nv])
     ends = [(table, part.q + part.system.nq, part.v + part.system.nv) for table, part in tables]
     return side_by_side(ends, nq, nv), np.array([0, nq, 0, nv])
+
+
+@cache
+def _no_control(nv: int) -> ControlTable:
+    """Return the table of no control, held once for all systems: kernels write nothing to it."""
+    return held(no_control(nv))
 
 
 def loop_of(scheme: Scheme) -> Loop | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import pinocchio as pin
@@ -23,6 +24,9 @@ _GRAVITY: dict[type, Callable[[Any], Array]] = {
     FreeBodies: lambda part: np.asarray(part.gravity),
     Spheres: lambda part: np.asarray(part.gravity),
 }
+
+# of systems of free bodies, whose masses do not change: making one takes as long as hundreds of steps
+_joined: WeakKeyDictionary[System, ArticulatedSystem] = WeakKeyDictionary()
 
 
 def can_be_joined(system: System) -> bool:
@@ -55,6 +59,8 @@ def joined(system: System, between: Sequence[Equality] = ()) -> ArticulatedSyste
     system = _unloaded(system)
     if isinstance(system, ArticulatedSystem) and not between:
         return system
+    if not between and system in _joined:
+        return _joined[system]
     if between and not can_be_joined(system):
         raise InputError(
             "bodies that move in a plane cannot be connected: build the scene without the reduction 'plane'"
@@ -71,7 +77,10 @@ def joined(system: System, between: Sequence[Equality] = ()) -> ArticulatedSyste
         elif isinstance(part, Spheres):
             for mass in part.masses:
                 _add_body(model, pin.JointModelTranslation(), pin.Inertia(float(mass), np.zeros(3), np.zeros((3, 3))))
-    return ArticulatedSystem(model, equalities=equalities)
+    made = ArticulatedSystem(model, equalities=equalities)
+    if not between and all(part.free_bodies for part in parts):
+        _joined[system] = made
+    return made
 
 
 def _unloaded(system: System) -> System:

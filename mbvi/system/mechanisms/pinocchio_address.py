@@ -10,6 +10,7 @@ from __future__ import annotations
 import ctypes
 import os
 import sys
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
@@ -139,10 +140,11 @@ def array_of_calls(model: pin.Model, data: pin.Data) -> Array:
     return np.asarray(Window((model, data, calls), first, calls.shape, "<i8"))
 
 
-def function_addresses() -> list[int]:
+@cache
+def function_addresses() -> tuple[int, ...]:
     """Return the addresses of Pinocchio's functions in the order of `SYMBOLS`."""
     library = loaded_library(PINOCCHIO)
-    return [_symbol(library, name) for name in SYMBOLS]
+    return tuple(_symbol(library, name) for name in SYMBOLS)
 
 
 @cache
@@ -173,14 +175,21 @@ def _symbol(library: ctypes.CDLL, name: str) -> int:
 
 def _pointer(instance: object, name: bytes) -> int:
     """Return the address of the C++ object of a mangled type in an instance of Boost.Python."""
-    boost = loaded_library(BOOST)
-    query = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_char_p)(_symbol(boost, REGISTRY_QUERY))
-    lvalue = ctypes.PYFUNCTYPE(ctypes.c_void_p, ctypes.py_object, ctypes.c_void_p)(_symbol(boost, GET_LVALUE))
+    query, lvalue = _lookups()
     registration = query(name)
     pointer = lvalue(instance, registration) if registration else None
     if not pointer:
         raise OSError(f"{type(instance).__name__} holds no {name.decode()}")
     return int(pointer)
+
+
+@cache
+def _lookups() -> tuple[Callable[[bytes], int | None], Callable[[object, int], int | None]]:
+    """Return Boost.Python's functions that find a type by its name, and the address in an instance."""
+    boost = loaded_library(BOOST)
+    query = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_char_p)(_symbol(boost, REGISTRY_QUERY))
+    lvalue = ctypes.PYFUNCTYPE(ctypes.c_void_p, ctypes.py_object, ctypes.c_void_p)(_symbol(boost, GET_LVALUE))
+    return query, lvalue
 
 
 def _aligned(size: int) -> Array:
