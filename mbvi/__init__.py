@@ -21,7 +21,7 @@ from .errors import (
 from .geometry import motion, surfaces
 
 if TYPE_CHECKING:
-    from . import packing, reference
+    from . import interop, packing, reference
     from .constraints import GapFunction
     from .derivatives import Gradient, Sensitivity, SensitivityCheck, gradient, sensitivity
     from .impacts import Forks, forks
@@ -91,6 +91,7 @@ __all__ = [
     "forks",
     "gradient",
     "impact",
+    "interop",
     "load",
     "motion",
     "packing",
@@ -131,7 +132,7 @@ _MODULE_OF = {name: module for module, names in _LATER.items() for name in names
 
 
 def __getattr__(name: str) -> Any:
-    if name in ("packing", "reference"):
+    if name in ("interop", "packing", "reference"):
         return import_module(f".{name}", __name__)
     if name not in _MODULE_OF:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

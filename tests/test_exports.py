@@ -20,7 +20,8 @@ def test_a_new_process_sees_the_public_names_only():
     names, docs, imported = fresh("""
 import mbvi
 names = dir(mbvi)
-imported = [name for name in ("scipy", "pinocchio", "coal", "numba", "h5py", "meshcat") if name in sys.modules]
+engines = "scipy", "pinocchio", "coal", "numba", "h5py", "meshcat", "jax", "torch"
+imported = [name for name in engines if name in sys.modules]
 print(json.dumps([names, [getattr(mbvi, name).__doc__ for name in names], imported]))
 """)
     assert names == sorted({*mbvi.__all__, "__version__"})
@@ -36,8 +37,9 @@ def test_a_star_imports_the_public_names():
 
 
 def test_modules_among_the_names_can_be_imported():
-    code = "import mbvi.motion, mbvi.surfaces, mbvi.packing, mbvi.reference\nprint(json.dumps(mbvi.motion.__name__))"
-    assert fresh(code) == "mbvi.geometry.motion"
+    names = ", ".join(f"mbvi.{name}" for name in ("motion", "surfaces", "interop", "packing", "reference"))
+    code = f"import {names}\nprint(json.dumps([mbvi.motion.__name__, 'jax' in sys.modules, 'torch' in sys.modules]))"
+    assert fresh(code) == ["mbvi.geometry.motion", False, False]
 
 
 def test_a_name_that_is_none_is_refused():

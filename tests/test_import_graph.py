@@ -13,8 +13,8 @@ PACKAGES = ("mbvi", "mbvi_studies")
 # mbvi_studies one room
 FLOORS = (
     "errors", "arguments", "compiled", "geometry", "projection", "system", "constraints", "impacts", "problem",
-    "schemes", "schemes.event_driven", "scene", "results.replay", "results", "run", "derivatives", "packing",
-    "reference", "shipped", "sweeps", "mbvi", "cli", "__main__", "mbvi_studies",
+    "schemes", "schemes.event_driven", "scene", "results.replay", "results", "run", "derivatives", "interop",
+    "packing", "reference", "shipped", "sweeps", "mbvi", "cli", "__main__", "mbvi_studies",
 )  # fmt: skip
 # these rooms are folders inside a room; all other folders belong to the room around them
 INNER = {"schemes.event_driven", "results.replay"}

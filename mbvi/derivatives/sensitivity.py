@@ -27,7 +27,7 @@ from .variation import Variation
 Kind = TypeVar("Kind", bound=Variation)
 
 # tolerance of the scheme if none is given
-_TOLERANCE = 1e-9
+TOLERANCE = 1e-9
 # that of variations along a run of fixed steps
 _BETWEEN_STEPS = 1e-6
 
@@ -177,7 +177,7 @@ def followed(
     if not names or len(set(names)) < len(names):
         raise InputError(f"wrt must hold one name or more, each once; got {shown(list(names))}")
     varied = directions(problem, names, optional(several_names, bodies, "bodies"))
-    scheme = _checked(problem, EventDriven(_TOLERANCE) if scheme is None else checked_scheme(scheme))
+    scheme = _checked(problem, EventDriven(TOLERANCE) if scheme is None else checked_scheme(scheme))
     if isinstance(scheme, Scheme):
         return *_along_steps(problem, scheme, duration, step, kind, varied), varied
     if step is not None:

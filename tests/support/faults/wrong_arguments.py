@@ -406,6 +406,25 @@ def _replay_video(path: Any, **given: Any) -> None:
             raise
 
 
+_ROLLOUT = {
+    "problem": lambda p: _hopper(), "scheme": mbvi.Centered(), "duration": 0.01, "step": 1e-3, "wrt": ["gravity"],
+}  # fmt: skip
+
+
+def _rollout(package: str) -> Callable[..., Any]:
+    def call(**given: Any) -> Any:
+        try:
+            rollout = getattr(mbvi.interop, f"{package}_rollout")(**given)
+        except mbvi.InputError as error:
+            # PyTorch is not installed everywhere; arguments are checked before it is imported
+            if "pip install" in str(error):
+                return None
+            raise
+        return rollout(_hopper().q0, _hopper().v0, [0.0, 0.0, -9.81])
+
+    return call
+
+
 def _sweep(**given: Any) -> Any:
     # without a client it is the current one
     with _client().as_current():
@@ -661,6 +680,8 @@ CALLS: dict[str, Call] = {
     "Sensitivity.check": Call(
         lambda **given: mbvi.sensitivity(scene().build(), duration=1e-3).check(**given), lambda: {"directions": 1}
     ),
+    "interop.jax_rollout": Call(_rollout("jax"), lambda: _ROLLOUT),
+    "interop.torch_rollout": Call(_rollout("torch"), lambda: _ROLLOUT),
     "sweep": Call(
         _sweep,
         lambda: {**_STUDY, "out": study(), "client": _client(), "budget": 100.0},
