@@ -36,7 +36,8 @@ def _follows(one: CouplingItem) -> str:
     """Return in words what a joint follows."""
     leader, ratio = one.second.partition("/")[2], "" if one.ratio == 1.0 else f"{one.ratio:g} "
     moving = f"{ratio}{leader}" if leader else ""
-    return " + ".join([*([moving] if moving else []), *([f"{one.offset:g}"] if one.offset or not moving else [])])
+    found = " + ".join([*([moving] if moving else []), *([f"{one.offset:g}"] if one.offset or not moving else [])])
+    return found if one.active else f"{found}, switched off"
 
 
 def shape_table(problem: Problem) -> str:

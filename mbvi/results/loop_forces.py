@@ -37,7 +37,10 @@ def loop_forces(run: RunData, name: str) -> Array:
         )
     scene = run.problem.scene
     # those that are switched off have no place
-    widths = {} if scene is None else {one.name: 6 for one in scene.items.connections}
+    widths = dict[str, int]()
+    if scene is not None:
+        widths = {one.name: 6 for one in scene.items.connections}
+        widths |= {one.name: 1 for one in scene.items.couplings if not one.active}
     parts = [(start, leg, placed_equalities(leg.problem.system)) for start, leg in legs(run) if leg.problem is not None]
     for _, _, places in parts:
         widths |= {known: 6 if isinstance(place.equality, PointRows) else 1 for known, place in places.items()}

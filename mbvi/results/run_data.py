@@ -31,7 +31,8 @@ class Impact:
         When [s].
     constraints : tuple of str, length k
         Names, one for each contact point or limit. A connection that is switched on has one for its percussion and one
-        for the moment about the common point, of a weld about the second body's origin; that has no point.
+        for the moment about the common point, of a weld about the second body's origin; that has no point, and neither
+        has a coupling, whose percussion is that on its first joint.
     percussion : ndarray, shape (k,)
         p >= 0 along each gradient [N s, N m s].
     before, after : ndarray, shape (k,)

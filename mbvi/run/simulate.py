@@ -143,10 +143,11 @@ def simulate(
         Record the percussions of all contacts too, for `run.contacts(t)` and `run.contact_forces()`. With `every` those
         of the steps between two recorded states are added up.
     switch : callable, optional
-        switch(state) -> {connection: bool}: which connections of the scene are on from then on; the others, and all at
-        None, stay as they are. It is asked at the start and after every step but the last, with `state` as
-        `Scene.add_control` gives it. What is switched on holds the bodies as they are then; that is an impact, as
-        `Simulator.switch`. Notes of the run say what was switched when. Not for `EventDriven` and `Adaptive`.
+        switch(state) -> {connection: bool}: which connections and couplings of the scene are on from then on; the
+        others, and all at None, stay as they are. It is asked at the start and after every step but the last, with
+        `state` as `Scene.add_control` gives it. What is switched on holds bodies and joints as they are then; that is
+        an impact, as `Simulator.switch`. Notes of the run say what was switched when. Not for `EventDriven` and
+        `Adaptive`.
 
     Returns
     -------

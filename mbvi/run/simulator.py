@@ -192,10 +192,10 @@ class Simulator:
         self._go_on(released(self._given, self.q, name), attached=False)
 
     def switch(self, connections: Mapping[str, bool]) -> None:
-        """Switch connections of the scene on, an impact as `attach`, or off, as `detach`.
+        """Switch connections and couplings of the scene on, an impact as `attach`, or off, as `detach`.
 
-        What is switched on holds the bodies as they are now: point and axis stay where the first body has them. The
-        states are those of `simulate(switch=)`.
+        What is switched on holds bodies and joints as they are now: point and axis stay where the first body has them,
+        a coupling keeps its ratio and has the offset of this moment. The states are those of `simulate(switch=)`.
 
         Parameters
         ----------
@@ -215,7 +215,7 @@ class Simulator:
             raise InputError(f"connections must be a dict of bool by name; got {shown(connections)}")
         wanted = {name: boolean(on, f"connection {shown(name)}") for name, on in connections.items()}
         scene = self._given.scene
-        present = {} if scene is None else {one.name: one.active for one in scene.items.connections}
+        present = {} if scene is None else scene.items.switchable
         changed = {name: on for name, on in wanted.items() if on is not present.get(name)}
         if changed:
             self._go_on(switched(self._given, self.t, self.q, changed), attached=any(changed.values()))

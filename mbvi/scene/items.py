@@ -169,7 +169,7 @@ class ConnectionItem:
 class CouplingItem:
     """A joint at ratio times the position of another plus an offset; both are named "robot/joint".
 
-    Without a second one, "", the joint is held at the offset.
+    Without a second one, "", the joint is held at the offset. One that is not active is switched off.
     """
 
     name: str
@@ -177,10 +177,12 @@ class CouplingItem:
     second: str
     ratio: float
     offset: float
+    active: bool = True
 
     def __str__(self) -> str:
         """Return the equation, such as "belt: a/turn = 2 b/turn + 0.1"."""
-        return f"{self.name}: {self.first} = {f'{self.ratio:g} {self.second} + ' if self.second else ''}{self.offset:g}"
+        follows = f"{self.ratio:g} {self.second} + " if self.second else ""
+        return f"{self.name}: {self.first} = {follows}{self.offset:g}{'' if self.active else ', switched off'}"
 
 
 @dataclass
@@ -221,6 +223,11 @@ class SceneItems:
             *(c.name for c in self.connections),
             *(c.name for c in self.couplings),
         }
+
+    @property
+    def switchable(self) -> dict[str, bool]:
+        """Whether each connection and each coupling is on, by name."""
+        return {c.name: c.active for c in self.connections} | {c.name: c.active for c in self.couplings}
 
     @property
     def active_connections(self) -> list[ConnectionItem]:

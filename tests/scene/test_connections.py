@@ -158,14 +158,6 @@ def test_an_equality_that_is_off_can_be_switched_on(tmp_path, kind):
         assert np.abs(turned_at_end - turned).max() > 1e-2
 
 
-def test_a_coupling_that_is_off_is_named(tmp_path):
-    pytest.importorskip("mujoco")
-    off = '<joint name="w" joint1="p" joint2="s" active="false"/>'
-    (tmp_path / "model.xml").write_text(MJCF.format(equality=off))
-    with pytest.warns(mbvi.MbviWarning, match="equality constraint w"):
-        mbvi.Scene().add_mjcf(tmp_path / "model.xml")
-
-
 def test_a_loop_that_nothing_closes_raises(tmp_path):
     pytest.importorskip("mujoco")
     apart = '<joint joint1="p" joint2="s"/><joint joint1="p" joint2="s" polycoef="1 1 0 0 0"/>'

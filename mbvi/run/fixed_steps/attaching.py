@@ -1,4 +1,4 @@
-"""The impact by which bodies are attached to each other."""
+"""The impact by which bodies are attached to each other, and joints coupled."""
 
 from __future__ import annotations
 
@@ -35,7 +35,8 @@ def attaching(problem: Problem, names: list[str], before: Step, after: Array) ->
     """Return the impact of connections that are switched on; None if the velocity does not jump.
 
     Each has a row for its percussion at the common point, of a weld at its second body, and one without a point for the
-    moment about it. Directions and rates are those of the second body relative to the first.
+    moment about it. Directions and rates are those of the second body relative to the first. A coupling has one row
+    without a point, the percussion on its first joint and the rate of that joint less what it follows.
 
     Parameters
     ----------
@@ -53,7 +54,9 @@ def attaching(problem: Problem, names: list[str], before: Step, after: Array) ->
         return None
     reaction = without_equalities(problem.system).metric(before.q).apply(jump)
     places = placed_equalities(problem.system)
-    rows = [row for name in names for row in _rows(places[name], before, after, reaction, problem.length)]
+    # joints that are locked are held already
+    held = [places[name] for name in names if name in places]
+    rows = [row for place in held for row in _rows(place, before, after, reaction, problem.length)]
     if not rows:
         return None
     constraints, percussion, approach, apart, point, normal, slip = (np.array(each) for each in zip(*rows, strict=True))
@@ -68,10 +71,17 @@ def attaching(problem: Problem, names: list[str], before: Step, after: Array) ->
 def _rows(place: Place, before: Step, after: Array, reaction: Array, length: float) -> list[_Row]:
     """Return the rows of one connection; `reaction` is M times the jump of the velocity, without equalities in M."""
     part, one = place.system, place.equality
-    assert isinstance(one, PointRows)
-    q, v = before.q[place.q : place.q + part.nq], slice(place.v, place.v + part.nv)
-    gradients, own = part.equality_gradients(q), slice(place.begin, place.begin + len(one.normals))
-    percussions = np.linalg.lstsq(gradients.T, reaction[v])[0][own]
+    q, v, begin = before.q[place.q : place.q + part.nq], slice(place.v, place.v + part.nv), place.begin
+    gradients = part.equality_gradients(q)
+    percussions = np.linalg.lstsq(gradients.T, reaction[v])[0]
+    if not isinstance(one, PointRows):
+        push = float(percussions[begin])
+        if abs(push) <= _ROUNDING * np.abs(reaction[v]).max():
+            return []
+        approach, apart = (float(np.sign(push) * (gradients[begin] @ each[v])) for each in (before.v, after))
+        return [_Row(one.name, abs(push), approach, apart, _NO_POINT, _NO_POINT, np.zeros(3))]
+    own = slice(begin, begin + len(one.normals))
+    percussions = percussions[own]
     points, normals = rows_in_world(place, q)
     point = points[0]
     if len(normals) == _WELD:

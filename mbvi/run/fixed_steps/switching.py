@@ -51,7 +51,7 @@ class Switching:
         self._function = function(switch, "switch", "switch(state) -> {connection: bool}")
         if not isinstance(problem.scene, SceneModel):
             raise InputError("switch needs connections with names: build the problem from a Scene")
-        self._on = {item.name: item.active for item in problem.scene.items.connections}
+        self._on = problem.scene.items.switchable
         self._places = problem.scene.places()
 
     def asked(self, problem: Problem, step: Step, h: float) -> dict[str, bool]:

@@ -119,7 +119,10 @@ class Connections:
         """Keep two bodies as they are to each other where the scene starts; the rest as `connect`."""
         return self._add_connection("weld", first, second, name, "weld", None, None, active=active)
 
-    def couple(self, first: str, second: str, ratio: float = 1.0, offset: float = 0.0, name: str | None = None) -> str:
+    def couple(
+        self, first: str, second: str, ratio: float = 1.0, offset: float = 0.0, name: str | None = None, *,
+        active: bool = True,
+    ) -> str:  # fmt: skip
         """Couple two joints: the position of the first is `ratio` times that of the second plus `offset`.
 
         Parameters
@@ -130,6 +133,9 @@ class Connections:
             Of the positions [rad, m]. Where the second turns without limits, the ratio is a whole number.
         name : str, optional
             "coupling", then numbered, by default.
+        active : bool
+            Whether it holds at the start. When it is switched on later, it holds the joints as they are then: with an
+            offset of its own, as a gear that engages. With the ratio 0 it is a brake.
 
         Returns
         -------
@@ -141,14 +147,14 @@ class Connections:
         InputError
             If a joint is unknown or has several degrees of freedom, both are the same, or a number is not finite.
         """
-        ratio, offset = finite(ratio, "ratio"), finite(offset, "offset")
+        ratio, offset, active = finite(ratio, "ratio"), finite(offset, "offset"), boolean(active, "active")
         widths = [self._checked_joint(joint) for joint in (first, second)]
         if first == second:
             raise InputError(f"{first} cannot be coupled with itself")
         if widths[1] == 2 and ratio % 1.0:
             raise InputError(f"{second} turns without limits: {ratio:g} times its angle is not unique")
         own = self._items.new_name(name, "coupling")
-        self._items.couplings.append(CouplingItem(own, first, second, ratio, offset))
+        self._items.couplings.append(CouplingItem(own, first, second, ratio, offset, active))
         return own
 
     def _couple_mimics(self, robot: Robot, still: Collection[str]) -> None:

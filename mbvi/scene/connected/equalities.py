@@ -11,9 +11,9 @@ import numpy as np
 from ...errors import InputError
 from ...geometry.shapes.shapes import Array, PlacedShape
 from ...system import System, located_parts
-from ...system.mechanisms.equalities import CoupledJoints, Equality, PointRows
+from ...system.mechanisms.equalities import CoupledJoints, Equality, PointRows, joint_value
 from ...system.system import Part
-from ..items import ConnectionItem, SceneItems
+from ..items import ConnectionItem, CouplingItem, SceneItems
 from ..urdf.mimic import joint_position
 
 # points on the axes of a weld and a hinge are so far from the common point, so that gaps there are angles [m]
@@ -152,9 +152,32 @@ def check_spheres(items: SceneItems, sides: Mapping[str, Side]) -> None:
                 )
 
 
-def coupled_joints(items: SceneItems, parts: Sequence[Part]) -> list[CoupledJoints]:
-    """Return the couplings of a scene, of which these are the systems."""
-    places, still, nothing = dict[str, tuple[int, int, int]](), dict[str, float](), (-1, -1, 0)
+class Joints(NamedTuple):
+    """The joints of a scene with one degree of freedom, by their names "robot/joint".
+
+    Attributes
+    ----------
+    places : dict of str to (int, int, int)
+        Of those that move; see `CoupledJoints`.
+    still : dict of str to float
+        Positions of those that are locked [rad, m].
+    """
+
+    places: dict[str, tuple[int, int, int]]
+    still: dict[str, float]
+
+    def position(self, name: str, q: Array) -> float:
+        """Return where a joint is at q, shape (nq,)."""
+        if name in self.still:
+            return self.still[name]
+        first, _, width = self.places[name]
+        # a copy, because kernels take no read-only arrays
+        return float(joint_value(q[first : first + width].copy(), 0, width))
+
+
+def joints_of(items: SceneItems, parts: Sequence[Part]) -> Joints:
+    """Return the joints of a scene, of which these are the systems."""
+    places, still = dict[str, tuple[int, int, int]](), dict[str, float]()
     for robot, part in zip(items.robots, parts, strict=False):
         full, model = robot.robot.model, part.system.model
         assert model is not None
@@ -167,8 +190,22 @@ def coupled_joints(items: SceneItems, parts: Sequence[Part]) -> list[CoupledJoin
                 places[label] = part.q + model.idx_qs[i], part.v + model.idx_vs[i], model.nqs[i]
             else:
                 still[label] = joint_position(full, j, robot.q0)
+    return Joints(places, still)
+
+
+def offset_as_it_is(item: CouplingItem, joints: Joints, q: Array) -> float:
+    """Return the offset with which a coupling holds its joints as they are at q, shape (nq,)."""
+    first = joints.position(item.first, q)
+    return first - item.ratio * joints.position(item.second, q) if item.second else first
+
+
+def _coupled_joints(items: SceneItems, parts: Sequence[Part]) -> list[CoupledJoints]:
+    """Return the couplings of a scene that are not switched off, of which these are the systems."""
+    (places, still), nothing = joints_of(items, parts), (-1, -1, 0)
     found = []
     for one in items.couplings:
+        if not one.active:
+            continue
         first, second, ratio, offset = places.get(one.first), places.get(one.second), one.ratio, one.offset
         if first is not None and second is not None:
             found.append(CoupledJoints(one.name, first, second, ratio, offset))
@@ -206,7 +243,7 @@ def equalities_between(
             continue
         owners = {_part_of(first_body, side - 1) for side in (rows.first, rows.second) if side}
         _sort(rows, owners, parts, within, between)
-    for coupled in coupled_joints(items, parts):
+    for coupled in _coupled_joints(items, parts):
         sides_in_v = (coupled.first[1], coupled.second[1])
         owners = {_part_of(first_velocity, v) for v in sides_in_v if v >= 0}
         _sort(coupled, owners, parts, within, between)

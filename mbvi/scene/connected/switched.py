@@ -12,13 +12,13 @@ import numpy as np
 from ...arguments import printable, shown
 from ...errors import InputError
 from ...geometry.shapes.shapes import Array
-from ...system import ArticulatedSystem, parts_of
+from ...system import ArticulatedSystem, located_parts, parts_of
 from ..assembly import assemble
 from ..blocks import blocks_of
 from ..items import ConnectionItem, SceneItems
 from ..model import SceneModel
 from .connections import Connections
-from .equalities import frames_as_they_are, frames_by_name, sides_at
+from .equalities import frames_as_they_are, frames_by_name, joints_of, offset_as_it_is, sides_at
 
 if TYPE_CHECKING:
     from ...problem import Problem
@@ -85,7 +85,7 @@ def released(problem: Problem, q: Array, name: str) -> Problem:
 
 
 def switched(problem: Problem, t: float, q: Array, connections: Mapping[str, bool]) -> Problem:
-    """Return the problem at (t, q) with connections of its scene switched on, as the bodies are there, or off.
+    """Return the problem at (t, q) with connections of its scene switched on, as bodies and joints are there, or off.
 
     Raises
     ------
@@ -93,7 +93,8 @@ def switched(problem: Problem, t: float, q: Array, connections: Mapping[str, boo
         If there is none of a name, or the problem has no scene.
     """
     model, items = _own_items(problem, "switch")
-    known = {item.name: k for k, item in enumerate(items.connections)}
+    known, bodies = items.switchable, {item.name: k for k, item in enumerate(items.connections)}
+    joints = {item.name: k for k, item in enumerate(items.couplings)}
     blocks = blocks_of(items, model.reduce)
     start, now = (
         sides_at(items, blocks.system, blocks.frames, blocks.shapes, place) for place in (np.concatenate(blocks.q0), q)
@@ -101,16 +102,23 @@ def switched(problem: Problem, t: float, q: Array, connections: Mapping[str, boo
     for name, on in connections.items():
         if printable(name, "the name of a connection") not in known:
             raise InputError(f"{shown(name)} is no connection of the scene; known are {', '.join(known) or 'none'}")
-        item = items.connections[known[name]]
-        if on == item.active:
+        if on == known[name]:
             continue
+        if name in joints:
+            coupling = items.couplings[joints[name]]
+            if on:
+                places = joints_of(items, located_parts(blocks.system))
+                coupling = replace(coupling, offset=offset_as_it_is(coupling, places, q))
+            items.couplings[joints[name]] = replace(coupling, active=on)
+            continue
+        item = items.connections[bodies[name]]
         if on:
             sides = [(one[item.first], one[item.second]) for one in (start, now)]
             item = replace(item, at=None, axis=None, frames=frames_as_they_are(item, *sides))
             items.leave_out(item.first, item.second, name)
         else:
             _let_meet(items, name)
-        items.connections[known[name]] = replace(item, active=on)
+        items.connections[bodies[name]] = replace(item, active=on)
     return _built(problem, model, items, q, t)
 
 
@@ -120,7 +128,8 @@ def _own_items(problem: Problem, what: str) -> tuple[SceneModel, SceneItems]:
     if not isinstance(model, SceneModel):
         raise InputError(f"{what} needs bodies with names: build the problem from a Scene")
     items = copy.copy(model.items)
-    items.connections, items.excluded = list(items.connections), set(items.excluded)
+    items.connections, items.couplings = list(items.connections), list(items.couplings)
+    items.excluded = set(items.excluded)
     items.left_out = dict(items.left_out)
     return model, items
 

@@ -54,15 +54,14 @@ def equalities_of(m: Any, pose: pin.SE3, own: str, bodies: Sequence[str], joints
     for k in range(m.neq):
         kind, name = int(m.eq_type[k]), m.equality(k).name or f"equality{k}"
         label = made_label(f"{own}_{name}")
-        why = "" if m.eq_active0[k] else "it is switched off, and only points and welds can be switched on"
         if kind in (_CONNECT, _WELD):
             found.connections.append(_connection(m, k, pose, own, bodies, label))
-        elif not why and kind == _JOINT and not np.any(m.eq_data[k, 2:5]) and _is_simple(m, k):
+        elif kind == _JOINT and not np.any(m.eq_data[k, 2:5]) and _is_simple(m, k):
             found.couplings.append(_coupling(m, k, own, joints, label))
-        elif not why and kind == _TENDON and (coupling := _tendon_coupling(m, k, own, joints, label)) is not None:
+        elif kind == _TENDON and (coupling := _tendon_coupling(m, k, own, joints, label)) is not None:
             found.couplings.append(coupling)
         else:
-            why = why or "only points, welds, and joints and fixed tendons in proportion are modelled"
+            why = "only points, welds, and joints and fixed tendons in proportion are modelled"
             found.omitted.append(Omission(f"equality constraint {name}", why))
     return found
 
@@ -103,7 +102,7 @@ def _coupling(m: Any, k: int, own: str, joints: Sequence[str], label: str) -> Co
     ratio = float(data[1]) if second >= 0 else 0.0
     offset = zero[0] + float(data[0]) - ratio * zero[1]
     other = f"{own}/{joints[second]}" if second >= 0 else ""
-    return CouplingItem(label, f"{own}/{joints[first]}", other, ratio, offset)
+    return CouplingItem(label, f"{own}/{joints[first]}", other, ratio, offset, bool(m.eq_active0[k]))
 
 
 def _tendon_coupling(m: Any, k: int, own: str, joints: Sequence[str], label: str) -> CouplingItem | None:
@@ -121,4 +120,5 @@ def _tendon_coupling(m: Any, k: int, own: str, joints: Sequence[str], label: str
     if np.any(data[2:5]) or len(kept) not in (1, 2):
         return None
     (first, scale), (second, other) = kept[0], kept[1] if len(kept) == 2 else ("", 0.0)
-    return CouplingItem(label, f"{own}/{first}", second and f"{own}/{second}", -other / scale, length / scale)
+    active, leader = bool(m.eq_active0[k]), second and f"{own}/{second}"
+    return CouplingItem(label, f"{own}/{first}", leader, -other / scale, length / scale, active)

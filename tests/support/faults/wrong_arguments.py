@@ -549,7 +549,10 @@ CALLS: dict[str, Call] = {
     ),
     "Scene.couple": Call(
         lambda **given: _controlled().couple(**given),
-        lambda: {"first": "hopper/hip", "second": "hopper/knee", "ratio": 2.0, "offset": 0.1, "name": "gear"},
+        lambda: {
+            "first": "hopper/hip", "second": "hopper/knee", "ratio": 2.0, "offset": 0.1, "name": "gear",
+            "active": False,
+        },
     ),
     "Scene.build": Call(
         lambda **given: scene().build(**given), lambda: {"reduce": ("pairs", "rest"), "resolve": True}, _moves
