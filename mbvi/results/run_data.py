@@ -288,18 +288,37 @@ def arriving(run: RunData) -> Array:
 def legs(run: RunData) -> Iterator[tuple[int, RunData]]:
     """Yield the parts of a run between switches as runs of their own, and the number of the first state of each.
 
-    Contacts, energies and dense output are left out.
+    An impact by which bodies were attached belongs to none; one of contacts that close at it belongs to the part after
+    it. Contacts, energies and dense output are left out.
     """
-    record, before = run.record, arriving(run)
+    record, before, impacts = run.record, arriving(run), _impacts_of_legs(run)
     starts = [0, *np.searchsorted(run.t, [one.time for one in record.switches]).tolist()]
     problems = [run.problem, *(one.problem for one in record.switches)]
-    for problem, start, end in zip(problems, starts, [*starts[1:], len(run.t) - 1], strict=True):
+    for problem, start, end, own_impacts in zip(problems, starts, [*starts[1:], len(run.t) - 1], impacts, strict=True):
         part, v = slice(start, end + 1), np.concatenate([run.v[start:end], before[end : end + 1]])
         own = replace(
             record, penetration=record.penetration[part], limit_violation=record.limit_violation[part],
             dense=None, energies=None, contacts=None, again=None, switches=(),
         )  # fmt: skip
         yield start, replace(
-            run, t=run.t[part], q=run.q[part], v=v, impacts=(), residual=run.residual[part], problem=problem,
+            run, t=run.t[part], q=run.q[part], v=v, impacts=own_impacts, residual=run.residual[part], problem=problem,
             record=own,
         )  # fmt: skip
+
+
+def _impacts_of_legs(run: RunData) -> list[tuple[Impact, ...]]:
+    """Return the impacts of each of `legs`."""
+    found, begin = list[tuple[Impact, ...]](), 0
+    for one in run.record.switches:
+        at = [k for k, impact in enumerate(run.impacts) if impact.time == one.time]
+        attaching = [k for k in at if set(run.impacts[k].constraints) <= set(one.connections)]
+        end = int(np.searchsorted([impact.time for impact in run.impacts], one.time, side="right"))
+        after = end
+        if attaching:
+            end, after = attaching[0], attaching[-1] + 1
+        elif at and (one.before != one.after).any():
+            # contacts have closed where bodies were released
+            end = after = at[-1]
+        found.append(run.impacts[begin:end])
+        begin = after
+    return [*found, run.impacts[begin:]]

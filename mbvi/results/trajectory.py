@@ -229,7 +229,7 @@ class Trajectory(Outputs):
         Raises
         ------
         InputError
-            If the run carries no problem, connections were switched in it, or the tolerance is not between 0 and 1.
+            If the run carries no problem, or the tolerance is not between 0 and 1.
         """
         return diagnose(self, between(tolerance, "tolerance", 0.0, 1.0, ends=False))
 

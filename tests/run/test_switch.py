@@ -332,7 +332,7 @@ def test_released_bodies_collide_and_contacts_keep_their_names():
 def test_the_error_estimate_switches_too():
     estimate = run_of(two_boxes()).error_estimate()
     assert 0.0 < estimate.largest < 1e-2
-    assert "connections were switched" in estimate.caveat
+    assert estimate.fork == np.inf and not estimate.caveat
 
 
 def test_what_cannot_be_switched_is_refused():
@@ -351,8 +351,6 @@ def test_what_cannot_be_switched_is_refused():
         run_of(mbvi.reference.bouncing_ball(0.5).problem, mbvi.Paoli())
     run = mbvi.simulate(problem, duration=0.06, switch=between(0.02, 0.04), progress=False)
     assert "connections are switched" in run.notes[0]
-    with pytest.raises(mbvi.InputError, match=r"first at t = 0\.02 s: a diagnosis is of one problem"):
-        run.diagnosis()
     sim = mbvi.Simulator(problem, mbvi.Paoli(), step=STEP)
     with pytest.raises(mbvi.InputError, match="'glue' is no connection of the scene; known are grasp"):
         sim.switch({"glue": True})

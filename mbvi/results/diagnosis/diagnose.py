@@ -16,11 +16,11 @@ from ...impacts import condition_12_violation, cosines_between, follow, independ
 from ...projection import Projector
 from ...schemes.observer import observer
 from ...system.free.sparse_rows import dense
-from ..run_data import Impact, RunData
+from ..run_data import Impact, RunData, legs
 from .dead_centres import dead_centres
 from .diagnosis import Array, Diagnosis, Instant
 from .energies import energy_of_projection
-from .jumps import Jumps
+from .jumps import Jump, Jumps
 
 if TYPE_CHECKING:
     from ...constraints import Rows
@@ -64,25 +64,51 @@ def diagnose(run: RunData, tolerance: float = 1e-3) -> Diagnosis:
     """Return the diagnosis of a run; see `Trajectory.diagnosis`."""
     if run.problem is None:
         raise InputError("this run carries no problem to look at; simulate it again, or build its problem by a Scene")
-    if run.record.switches:
-        raise InputError(f"{_switched(run)}: a diagnosis is of one problem; simulate without switch, from a state")
     if not (isinstance(tolerance, (int, float)) and 0.0 < tolerance < 1.0):
         raise InputError(f"tolerance must lie between 0 and 1; got {tolerance!r}")
+    found, sums, jumps, centres = _Instants(tolerance), _Sums(run.lacks_functions), list[Jump](), set[float]()
+    for number, (_, leg) in enumerate(legs(run)):
+        assert leg.problem is not None
+        if number:
+            sums.add_attaching(leg.problem, run.record.switches[number - 1].before)
+        jumps += _look_at(leg, found, sums)
+        centres |= set(dead_centres(leg))
+    unseen = run.step > 0.0 and _stepping_scheme(run) is None and bool((np.diff(run.t) > 1.5 * run.step).any())
+    return Diagnosis(
+        tuple(found.instants),
+        np.nan if (unseen or found.not_followed) and np.isinf(found.horizon) else found.horizon,
+        tolerance,
+        sums.variation,
+        max((float(i.percussion.max()) for i in run.impacts), default=0.0),
+        sums.excess,
+        tuple(sums.vanishing),
+        unseen,
+        found.not_followed,
+        tuple((impact.time, impact.energy_change) for impact in run.impacts if _gains_by_friction(impact)),
+        tuple(jumps),
+        sums.raised,
+        tuple(sorted(centres)),
+        tuple(one.time for one in run.record.switches),
+    )
+
+
+def _look_at(run: RunData, found: _Instants, sums: _Sums) -> list[Jump]:
+    """Add the states of a run without switches to what is found, and return its jumps."""
+    assert run.problem is not None
     problem, system = run.problem, run.problem.system
     struck = np.array([impact.time for impact in run.impacts])
-    found, jumps = _Instants(problem, tolerance), Jumps(problem)
-    variation = energy = excess = raised = 0.0
-    vanishing: dict[str, None] = {}
+    jumps = Jumps(problem)
+    found.problem = problem
     for state in states(run):
         t, q, before, v, h, step, again = state
         metric = system.metric(q)
         # with torsional and rolling friction a second solution is not looked for
         if again is not None and problem.constraints.frictional and problem.constraints.resistance is None:
             jumps.add(t, before, v, metric, h * system.force(t, q, before), (1.0 - run.record.timing.jump) * h, again)
-        variation += float(np.linalg.norm(v - before))
+        sums.variation += float(np.linalg.norm(v - before))
         if step is not None:
             rest = (1.0 - run.record.timing.jump) * h
-            raised += energy_of_projection(problem, t, q, step.q, step.v, rest)
+            sums.raised += energy_of_projection(problem, t, q, step.q, step.v, rest)
             gained = 0.5 * float(step.percussion @ (step.before + step.after))
             lengths = problem.constraints.levers(step.active.constraint) * step.active.gap
             # rows near enough to close within the step join the law; those that stay open are no contacts
@@ -101,12 +127,9 @@ def diagnose(run: RunData, tolerance: float = 1e-3) -> Diagnosis:
             if active.rate is not None:
                 percussions = metric.apply(v - before) - h * system.force(t, q, before)
                 gained += float(np.linalg.lstsq(active.jacobian.T, percussions)[0] @ active.rate)
-        if run.lacks_functions:
-            gained = np.nan
-        energy += gained
-        excess = np.nan if run.lacks_functions else max(excess, energy)
+        gained = sums.add_energy(gained)
         lost = np.linalg.norm(active.jacobian, axis=1) < _VANISHING
-        vanishing |= dict.fromkeys(map(problem.constraints.name, active.constraint[lost].tolist()))
+        sums.vanishing |= dict.fromkeys(map(problem.constraints.name, active.constraint[lost].tolist()))
         if len(active.gap) > 1:
             k = int(np.searchsorted(struck, t - _INSTANT * run.step))
             impact = k < len(struck) and bool(struck[k] <= t + _INSTANT * run.step)
@@ -114,22 +137,31 @@ def diagnose(run: RunData, tolerance: float = 1e-3) -> Diagnosis:
         else:
             found.end()
     found.end()
-    unseen = run.step > 0.0 and _stepping_scheme(run) is None and bool((np.diff(run.t) > 1.5 * run.step).any())
-    return Diagnosis(
-        tuple(found.instants),
-        np.nan if (unseen or found.not_followed) and np.isinf(found.horizon) else found.horizon,
-        tolerance,
-        variation,
-        max((float(i.percussion.max()) for i in run.impacts), default=0.0),
-        excess,
-        tuple(vanishing),
-        unseen,
-        found.not_followed,
-        tuple((impact.time, impact.energy_change) for impact in run.impacts if _gains_by_friction(impact)),
-        tuple(jumps.found),
-        raised,
-        dead_centres(run),
-    )
+    return jumps.found
+
+
+class _Sums:
+    """What a diagnosis adds up over the states of a run; energies are not known where functions are lost."""
+
+    def __init__(self, unknown: bool) -> None:
+        self._unknown, self._energy = unknown, 0.0
+        self.variation = self.raised = 0.0
+        self.excess = np.nan if unknown else 0.0
+        self.vanishing: dict[str, None] = {}
+
+    def add_energy(self, gained: float) -> float:
+        """Add an energy and return it, as far as it is known."""
+        if self._unknown:
+            return np.nan
+        self._energy += gained
+        self.excess = max(self.excess, self._energy)
+        return gained
+
+    def add_attaching(self, problem: Problem, before: Array) -> None:
+        """Add the jump from a velocity to the initial one of a problem, in which other connections are on."""
+        system, q, v = problem.system, problem.q0, problem.v0
+        self.variation += float(np.linalg.norm(v - before))
+        self.add_energy(system.kinetic_energy(q, v) - system.kinetic_energy(q, before))
 
 
 def given_or_computed(run: RunData, diagnosis: Diagnosis | None) -> tuple[Diagnosis | None, str]:
@@ -140,17 +172,10 @@ def given_or_computed(run: RunData, diagnosis: Diagnosis | None) -> tuple[Diagno
         return diagnosis, ""
     if run.problem is None:
         return None, "the file of this run could not bring its problem back"
-    if run.record.switches:
-        return None, _switched(run)
     most = max((len(impact.constraints) for impact in run.impacts), default=0)
     if most > _MOST_AT_ONCE:
         return None, f"{most} constraints take part in one impact; give diagnosis=run.diagnosis(), which may take long"
     return diagnose(run), ""
-
-
-def _switched(run: RunData) -> str:
-    """Return in words that connections were switched."""
-    return f"connections were switched, first at t = {run.record.switches[0].time:.6g} s"
 
 
 def _gains_by_friction(impact: Impact) -> bool:
@@ -234,10 +259,12 @@ def _taken(scheme: Scheme, *arguments: Any) -> Step | None:
 
 
 class _Instants:
-    """Collects instants; consecutive instants with the same rows and no impact become one stretch."""
+    """Collects instants of a `problem`; consecutive ones with the same rows and no impact become one stretch."""
 
-    def __init__(self, problem: Problem, tolerance: float) -> None:
-        self._problem, self._tolerance = problem, tolerance
+    problem: Problem
+
+    def __init__(self, tolerance: float) -> None:
+        self._tolerance = tolerance
         self.instants: list[Instant] = []
         self.horizon, self.not_followed = np.inf, 0
         # the present stretch: its rows, its instant so far, its largest violation of (12)
@@ -268,7 +295,7 @@ class _Instants:
             # a spread of outcomes within rounding is no fork
             if found.spread > max(self._tolerance * moved, _ROUNDING * speed):
                 self.horizon = state.t
-        names = tuple(map(self._problem.constraints.name, active.constraint.tolist()))
+        names = tuple(map(self.problem.constraints.name, active.constraint.tolist()))
         free = independent(columns, cosines, _DEPENDENT)
         free_slip = not frictional or _independent_tangents(metric, active)
         kept = csr_array(cosines)

@@ -113,6 +113,9 @@ class Diagnosis:
     dead_centres : tuple of float
         Times at which gradients of closed loops depend on each other that are independent elsewhere [s]: what follows
         is not determined.
+    switches : tuple of float
+        Times at which connections were switched [s]. What is switched on is an impact with one outcome, the nearest
+        velocity that the connections allow; contacts that close at it are looked at as in any impact.
     """
 
     instants: tuple[Instant, ...]
@@ -128,6 +131,7 @@ class Diagnosis:
     jumps: tuple[Jump, ...] = ()
     projection_energy: float = 0.0
     dead_centres: tuple[float, ...] = ()
+    switches: tuple[float, ...] = ()
 
     def __str__(self) -> str:
         return self.report()
@@ -142,9 +146,13 @@ class Diagnosis:
             lines.append(
                 f"(H3) fails: the gradient of {names} vanishes where it is active, and nothing holds it there."
             )
+        if self.switches:
+            times = _times(self.switches)
+            lines.append(
+                f"Connections were switched at t = {times} s: what is switched on is an impact with one outcome."
+            )
         if self.dead_centres:
-            times = ", ".join(f"{t:.6g}" for t in self.dead_centres[:_MOST_NAMES])
-            times += ", ..." if len(self.dead_centres) > _MOST_NAMES else ""
+            times = _times(self.dead_centres)
             lines.append(
                 f"At t = {times} s closed loops pass a dead centre: their gradients depend on each other there, and "
                 "the loops alone do not determine what follows."
@@ -241,6 +249,11 @@ class Diagnosis:
 def _failing(what: str, instants: tuple[Instant, ...], holds: str) -> str:
     bad = [i for i in instants if not getattr(i, holds)]
     return f"{what} at {len(bad)} of these, first at t = {bad[0].time:.6g} s; " if bad else ""
+
+
+def _times(times: tuple[float, ...]) -> str:
+    """Return the first of some times in words."""
+    return ", ".join([*(f"{t:.6g}" for t in times[:_MOST_NAMES]), *(["..."] if len(times) > _MOST_NAMES else [])])
 
 
 def _count(n: int, one: str, many: str) -> str:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...errors import InputError, TrajectoryFileError
-from ...scene.connected.switched import switched
+from ...scene.connected.switched import connected, switched
 from ..run_data import Array, Switch
 
 if TYPE_CHECKING:
@@ -67,9 +67,9 @@ def with_problems(problem: Problem, switches: Sequence[Switch]) -> tuple[Switch,
     found = list[Switch]()
     for one in switches:
         try:
-            after = switched(problem, one.time, one.q, one.connections)
+            other = switched(problem, one.time, one.q, one.connections)
         except InputError as error:
             raise TrajectoryFileError(f"its switches are not of its problem: {error}") from error
-        problem = after.at(one.q, one.after, one.time)
+        problem = connected(other, one.time, one.q, one.before, attached=any(one.connections.values()))
         found.append(replace(one, problem=problem))
     return tuple(found)

@@ -14,7 +14,7 @@ from ...errors import InputError
 from ...problem import Problem
 from ...projection import Projector
 from ...results.run_data import Array, Switch
-from ...scene.connected.switched import switched
+from ...scene.connected.switched import connected, switched
 from ...scene.model import SceneModel
 from ...scene.state import Place, State, Values
 from ...schemes import Scheme, Step
@@ -138,11 +138,8 @@ class SwitchedRecorder(Recorder):
 
 
 def connected_at(problem: Problem, t: float, q: Array, v: Array, scheme: Scheme, *, attached: bool) -> Problem:
-    """Return a problem with other connections at (t, q), with the nearest velocity to v that they allow.
-
-    Where none is `attached`, no velocity changes.
-    """
-    start = problem.at(q, problem.system.tangent(q, v) if attached else v, t)
+    """Return what `connected` does, if the scheme can run it."""
+    start = connected(problem, t, q, v, attached=attached)
     scheme.check(start)
     return start
 

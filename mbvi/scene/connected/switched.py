@@ -122,6 +122,14 @@ def switched(problem: Problem, t: float, q: Array, connections: Mapping[str, boo
     return _built(problem, model, items, q, t)
 
 
+def connected(problem: Problem, t: float, q: Array, v: Array, *, attached: bool) -> Problem:
+    """Return a problem with other connections at (t, q), with the nearest velocity to v that they allow.
+
+    Where none is `attached`, no velocity changes.
+    """
+    return problem.at(q, problem.system.tangent(q, v) if attached else v, t)
+
+
 def _own_items(problem: Problem, what: str) -> tuple[SceneModel, SceneItems]:
     """Return the scene of a problem, and its items, of which connections can be changed."""
     model = problem.scene
