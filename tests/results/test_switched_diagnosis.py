@@ -44,7 +44,7 @@ def test_attaching_is_no_impact_of_contacts_that_open(scheme):
 
 
 @pytest.mark.parametrize("scheme", SCHEMES, ids=repr)
-def test_contacts_that_close_when_bodies_are_attached_are_an_impact_of_what_they_are_together(scheme):
+def test_contacts_that_close_when_bodies_are_attached_are_an_impact_of_what_they_are_together(tmp_path, scheme):
     """What falls pushes the box down: the corners close at the instant of the switch, on the body of both."""
     run = run_of(resting_box(-2.0), scheme, grasp)
     at = run.record.switches[0].time
@@ -53,6 +53,10 @@ def test_contacts_that_close_when_bodies_are_attached_are_an_impact_of_what_they
     (instant,) = [one for one in found.instants if one.time == at and one.impact]
     assert len(instant.constraints) == 4 and not instant.condition_12
     assert found.horizon == at
+    run.save(tmp_path / "run.h5")
+    kept = mbvi.load(tmp_path / "run.h5").diagnosis()
+    assert kept.horizon == at and kept.variation == found.variation
+    assert kept.energy_excess == found.energy_excess
     # angles of corners on one rigid body of both, in plain numbers
     q = run.record.switches[0].q.reshape(2, 7)[:, :3]
     total, centre = 1.5, (q[0] + 0.5 * q[1]) / 1.5
