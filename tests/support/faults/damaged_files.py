@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 import os
-import resource
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -155,9 +154,10 @@ def mutate(path: Path, change: Mutation, rng: np.random.Generator, *, sealed: bo
 
 def run_limited(program: str, limit: int, *arguments: str) -> subprocess.CompletedProcess[str]:
     """Run a Python program that can write files of at most `limit` bytes."""
+    # the limit is set by the program: JAX warns of a process that forks
+    first = f"import resource\nresource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, {limit}))\n"
     return subprocess.run(
-        [sys.executable, "-c", program, *arguments],
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)),
+        [sys.executable, "-c", first + program, *arguments],
         capture_output=True,
         text=True,
         timeout=LIMIT,
