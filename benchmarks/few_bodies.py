@@ -23,7 +23,7 @@ TEXT = f"""
 
 Boxes with edges of {EDGE} m and balls of the same width, 1 kg each, on a floor with mu = {MU}, e = 0, h = 1 ms, 1 s. `simulate` includes the recording of all
 states; MuJoCo takes its steps in one call, with elliptic cones and its default solver. CPU times of steps, medians of {{repeats}} runs in turns;
-the set-up of a run, 5 to 9 ms, is left out.
+the set-up of a run, 2 to 4 ms, is left out.
 
 {{found}}
 
