@@ -1,6 +1,6 @@
 """Kernels: functions on arrays that numba compiles at their first call, and the cache that keeps them."""
 
-from .addresses import call_address
+from .addresses import address, call_address
 from .folder import cache_folder
 from .kernels import (
     KERNELS,
@@ -18,6 +18,7 @@ from .kernels import (
 __all__ = [
     "KERNELS",
     "Kernel",
+    "address",
     "all_kernels",
     "cache_folder",
     "call_address",

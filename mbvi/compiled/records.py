@@ -6,7 +6,6 @@ arguments, which take time at each call and most of the time to compile.
 
 from __future__ import annotations
 
-from ctypes import c_size_t
 from functools import cache
 from hashlib import sha256
 from struct import Struct
@@ -22,6 +21,8 @@ from numba.core.typeconv import Conversion
 from numba.core.typing.templates import AttributeTemplate, infer_getattr
 from numba.extending import lower_getattr_generic, typeof_impl
 from numba.np.numpy_support import as_dtype
+
+from .addresses import address
 
 
 class RecordType(types.Type):
@@ -187,7 +188,7 @@ class Held:
     def __init__(self, record: Any, of: RecordType) -> None:
         self._numba_type_, self._values = of, record
         self._memory: Any = np.zeros(_layout(of)[0].size, np.uint8)
-        self.memory_address: int = _place_of(self._memory)
+        self.memory_address: int = address(self._memory)
         self._write()
 
     def __getattr__(self, name: str) -> Any:
@@ -222,15 +223,6 @@ def hold(record: Any) -> Held:
     return Held(record, _known[type(record)])
 
 
-# numpy's C interface has the address of the data as the first field behind the head of an array's object; reading it
-# there takes a ninth of the time of `__array_interface__`
-_HEAD = object.__basicsize__
-
-
-def _place_of(array: Any) -> int:
-    return c_size_t.from_address(id(array) + _HEAD).value
-
-
 def _append(value: Any, kind: Any, numbers: list[Any]) -> None:
     """Append a field as numba has it: an array is two pointers that stay null, five numbers and those of each axis."""
     if kind is None:
@@ -246,7 +238,7 @@ def _append(value: Any, kind: Any, numbers: list[Any]) -> None:
                 f"a record has an array of {value.dtype} with {value.ndim} axes, or one with gaps or read-only; "
                 f"kernels take {dtype} with {ndim}, contiguous"
             )
-        numbers += 0, 0, value.size, value.itemsize, _place_of(value), *value.shape, *value.strides
+        numbers += 0, 0, value.size, value.itemsize, address(value), *value.shape, *value.strides
 
 
 @cache

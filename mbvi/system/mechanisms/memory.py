@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from ...compiled import address
+
 Array = np.ndarray
 
 # numbers of one pose: 9 of the rotation by columns, then 3 of the translation
@@ -77,11 +79,6 @@ def _addresses(model: pin.Model, data: pin.Data) -> tuple[int, int, int] | None:
     if J.size != 6 * nv or M.size != nv * nv or not (_is_view(J, data.J) and _is_view(M, data.M)):
         return None
     return first, address(J), address(M)
-
-
-def address(array: Array) -> int:
-    """Return the address of an array's first number."""
-    return int(array.__array_interface__["data"][0])
 
 
 def _layout(array: Array) -> tuple[int, tuple[int, ...]]:

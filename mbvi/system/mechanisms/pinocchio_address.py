@@ -17,8 +17,8 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from ...compiled import call_address, kernel
-from .memory import Window, address
+from ...compiled import address, call_address, kernel
+from .memory import Window
 
 Array = np.ndarray
 
