@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from ..geometry.shapes.shapes import PlacedShape
     from ..problem import Problem
-    from ..scene.items import CouplingItem
+    from ..scene.connected.items import CouplingItem
 
 
 def joint_table(problem: Problem) -> str:

@@ -13,8 +13,8 @@ from ..geometry.shapes.picture import Placed, picture
 from ..geometry.shapes.shapes import Array, HalfSpace, PlacedShape
 from ..system import System, parts_of
 from ..system.given import called
+from .connected.items import ConnectionItem
 from .forces.actuation import places_of
-from .items import ConnectionItem
 from .named_state import named_state
 from .plane import axes_of, check_same_plane
 from .reductions import Omission, savings

@@ -11,9 +11,10 @@ from ...arguments import between, boolean, finite, function, not_negative, print
 from ...errors import InputError
 from ...geometry.shapes.shapes import Array
 from ...system.mechanisms.articulated import Control
-from ..items import ConnectionItem, CouplingItem, SceneItems
+from ..items import SceneItems
 from ..urdf.robot import Robot
 from .hinges import fitted_control
+from .items import ConnectionItem, CouplingItem
 
 # largest angle of a hinge with limits, so that one beyond them is known [rad]
 _WIDEST = 3.1

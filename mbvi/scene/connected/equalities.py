@@ -13,8 +13,9 @@ from ...geometry.shapes.shapes import Array, PlacedShape
 from ...system import System, located_parts
 from ...system.mechanisms.equalities import CoupledJoints, Equality, PointRows, joint_value
 from ...system.system import Part
-from ..items import ConnectionItem, CouplingItem, SceneItems
+from ..items import SceneItems
 from ..urdf.mimic import joint_position
+from .items import ConnectionItem, CouplingItem
 
 # points on the axes of a weld and a hinge are so far from the common point, so that gaps there are angles [m]
 _ARM = 1.0

@@ -14,8 +14,9 @@ from ...system.controls import LoopControl
 from ...system.hinged import Hinges
 from ...system.mechanisms.articulated import Control
 from ...system.mechanisms.hinge_angles import HingeAngles
-from ..items import ConnectionItem, SceneItems
+from ..items import SceneItems
 from .equalities import Side, frames_of, sides_at
+from .items import ConnectionItem
 
 
 def hinge_limits(

@@ -15,10 +15,11 @@ from ...geometry.shapes.shapes import Array
 from ...system import ArticulatedSystem, located_parts, parts_of
 from ..assembly import assemble
 from ..blocks import blocks_of
-from ..items import ConnectionItem, SceneItems
+from ..items import SceneItems
 from ..model import SceneModel
 from .connections import Connections
 from .equalities import frames_as_they_are, frames_by_name, joints_of, offset_as_it_is, sides_at
+from .items import ConnectionItem
 
 if TYPE_CHECKING:
     from ...problem import Problem

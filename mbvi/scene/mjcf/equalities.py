@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from ...arguments import made_label
 from ...geometry.shapes.shapes import Array
-from ..items import ConnectionItem, CouplingItem
+from ..connected.items import ConnectionItem, CouplingItem
 from ..reductions import Omission
 from .file import disabled, mujoco_module, placement
 from .joint_forces import fixed_tendon

@@ -34,7 +34,8 @@ from ...system.actuators import Actuators, DrivenActuators
 from ...system.joint_forces import JointForce
 from ...system.mechanisms.articulated import Control
 from ..assembly import assemble
-from ..items import BodyItem, ConnectionItem, CouplingItem, ForceItem, RobotItem, SceneItems, SphereItem, SurfaceItem
+from ..connected.items import ConnectionItem, CouplingItem
+from ..items import BodyItem, ForceItem, RobotItem, SceneItems, SphereItem, SurfaceItem
 from ..model import Start
 from ..reductions import Omission, checked_reductions
 from ..urdf.robot import Robot, build_model
