@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import mbvi
+from mbvi.results.diagnosis.diagnose import _Sums
 
 STEP = 1e-3
 SCHEMES = [mbvi.Paoli(), mbvi.Centered(), mbvi.Centered(project_positions=True)]
@@ -119,3 +120,20 @@ def test_the_jump_of_a_switch_counts_in_variation_and_energy(tmp_path):
     assert mbvi.load(tmp_path / "run.h5").diagnosis().report() == found.report()
     run.report(tmp_path / "report.html")
     assert "Connections were switched at t = 0.02" in (tmp_path / "report.html").read_text()
+
+
+def test_the_energy_that_attaching_loses_counts():
+    """An energy gained later is an excess only beyond what attaching has lost."""
+    scene = mbvi.Scene(gravity=(0, 0, 0))
+    for name, x, speed in (("left", 0.0, 3.0), ("right", 1.0, 0.0)):
+        scene.add_box((0.4, 0.4, 0.4), 1.0, position=(x, 0, 0), velocity=(speed, 0, 0), name=name)
+    scene.weld("left", "right", name="grasp")
+    problem, sums = scene.build(), _Sums(False)
+    before = np.array([3.0, 0, 0, 0, 0, 0] + 6 * [0.0])
+    together = problem.at(problem.q0, problem.system.tangent(problem.q0, before))
+    sums.add_attaching(together, before)
+    # half of 4.5 J is left
+    sums.add_energy(2.0)
+    assert sums.excess == 0.0
+    sums.add_energy(0.75)
+    assert sums.excess == pytest.approx(0.5, abs=1e-12)

@@ -146,7 +146,7 @@ def arms(**options):
     return scene.build()
 
 
-@pytest.mark.parametrize("alone", [True, False], ids=["compiled", "two robots"])
+@pytest.mark.parametrize("alone", [True, False], ids=["within one robot", "also between two"])
 @pytest.mark.parametrize("scheme", SCHEMES, ids=repr)
 def test_the_run_is_that_of_a_simulator(scheme, alone):
     rough = not isinstance(scheme, mbvi.SchatzmanPaoli)
@@ -167,7 +167,7 @@ def test_the_run_is_that_of_a_simulator(scheme, alone):
     assert np.abs(run.v[30] - arriving(run)[30]).max() > 1e-6
 
 
-def test_a_mimic_joint_is_let_go_and_follows_again(gearbox):
+def test_a_mimic_joint_is_switched_off_and_follows_again(gearbox):
     """A mimic joint is a coupling with a name; it follows with the offset of the moment when it is switched on."""
     scene = mbvi.Scene(gravity=(0, 0, 0))
     name = gearbox(scene, mimic='<mimic joint="load_axle" multiplier="2" offset="0.5"/>', velocity={"load_axle": 1.0},
