@@ -330,6 +330,11 @@ class AdmissibleSet(Rebuilt):
             mu = np.where(np.isnan(mu), self._mu[f], mu)
         return np.minimum(mu, LARGEST_FRICTION)
 
+    def coefficient_of_friction(self, number: int) -> float:
+        """Return the coefficient of friction of a constraint."""
+        f = bisect_right(self._starts, number) - 1
+        return float(self.friction_of(f, np.array([number - self._starts[f]]))[0])
+
     @staticmethod
     def _refuse(name: str, mu: float) -> None:
         raise InputError(

@@ -75,6 +75,8 @@ class VariedRuns:
         The variations of the initial state, with those that keep closed what is closed.
     closed : ndarray of int
         Rows that are closed at the start, in all runs.
+    still : ndarray of bool, or None
+        Which of them have no slip; None without friction.
     """
 
     problem: Problem
@@ -82,6 +84,7 @@ class VariedRuns:
     varied: Directions
     start: Array
     closed: Array
+    still: Array | None = None
 
     def compared(self, matrix: Array, count: int) -> SensitivityCheck:
         """Return the derivative at the end along some random directions, beside differences."""
@@ -152,8 +155,13 @@ class VariedRuns:
         if self.closed.size:
             # closed contacts stay so to all orders of the variation, and not to the first one only
             integrator.closed = self.closed
+            if integrator.modes is not None and self.still is not None:
+                integrator.modes.choose(self.closed, self.still, np.zeros((len(self.closed), 2)))
             integrator.remove_drift()
             integrator.closed = NO_ROWS
+        integrator.rows.friction = (columns.parameters.frictions(len(problem.constraints)) @ columns.by_p) @ (
+            change / columns.sizes
+        )
         for _ in integrator.run(self.duration):
             pass
         return integrator.q, integrator.v

@@ -11,6 +11,7 @@ from ..projection import Projector, impact
 from ..results.run_data import Impact
 from ..results.trajectory import Trajectory
 from ..schemes import EventDriven
+from ..schemes.event_driven.friction.modes import ContactModes
 from ..schemes.event_driven.impact_event import ImpactEvent
 from ..schemes.event_driven.motion_state import NO_ROWS, certain_rates
 from ..schemes.event_driven.runge_kutta import DEGREE, RungeKuttaStep, least_percussion
@@ -60,6 +61,8 @@ class LocatedSteps:
         self.rows, self.touching, self._flow, self._units = start.rows, start.touching, start.flow, start.units
         self.t, self.q, self.v = float(run.t[0]), run.q[0], run.v[0]
         self.held = self.event_rows = NO_ROWS
+        # of contacts with friction no variations are known along fixed steps
+        self.modes: ContactModes | None = None
         gap = self.rows.gaps(self.t, self.q, self.rows.all)
         rate = self.rows.gradients(self.t, self.q, self.rows.all) @ self.v
         still = np.abs(rate) <= certain_rates(self.rows.gradients(self.t, self.q, self.rows.all), self.v, 1e-12)

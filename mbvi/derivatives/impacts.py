@@ -12,7 +12,8 @@ from ..schemes.event_driven.motion_state import certain_rates
 from ..schemes.event_driven.runge_kutta import least_percussion
 from ..system.system import Array
 from .directions import Directions
-from .motion.linearised import Linearised
+from .motion.friction import ChosenModes, Percussions
+from .motion.linearised import Linearised, LinearLaw
 
 # cosines of kinetic angles below this count as zero, and above one less this as one
 _COSINE = 1e-9
@@ -21,10 +22,35 @@ _BEARS = 1e-12
 # largest difference of velocities, and of the matrices of two orders, that rounding explains; relative
 _ROUNDING = 1e-7
 
+# how near to the edge of the cone, relative to it, a contact that sticks in an impact may be
+_EDGE = 1e-7
 # contact force, as an acceleration relative to the terms it consists of, that keeps a contact closed
 _PRESSED = 1e-6
 
 Refuse = Callable[[str, Array, float], NoReturn]
+
+
+@dataclass(frozen=True)
+class ImpactFriction:
+    """Friction in an impact and around it.
+
+    Attributes
+    ----------
+    before, after : ChosenModes
+        Modes of the closed contacts before the impact, and when the motion goes on.
+    tangential : ndarray, shape (k, 3)
+        Percussions of the rows along their tangents, in the world.
+    sticks : ndarray of bool, shape (k,)
+        Which rows stick in the impact.
+    restitution : ndarray, shape (k,)
+        e that the law was applied with.
+    """
+
+    before: ChosenModes
+    after: ChosenModes
+    tangential: Array
+    sticks: Array
+    restitution: Array
 
 
 @dataclass(frozen=True)
@@ -43,6 +69,8 @@ class LocatedImpact:
         Of each.
     closed_before, held_before, closed_after : ndarray of int
         Rows that were kept closed, rows that those held, and rows that are kept closed when the motion goes on.
+    friction : ImpactFriction or None
+        None in problems without friction.
     """
 
     t: float
@@ -54,6 +82,7 @@ class LocatedImpact:
     closed_before: Array
     held_before: Array
     closed_after: Array
+    friction: ImpactFriction | None = None
 
 
 class Saltation:
@@ -110,6 +139,8 @@ class Saltation:
         weak = was_closed & ~stays & (J @ impact.after < self.slowest(rows, J, v))
         if weak.any():
             self._refuse("a closed contact opens there with hardly any speed", rows[weak], impact.t)
+        if impact.friction is not None:
+            self._check_friction(impact, impact.friction, hit)
         groups = self._groups(impact, J, hit, stays)
         found = self._one_by_one(impact, groups, rows[stays], bears, X)
         for order in _other_orders(groups):
@@ -118,6 +149,24 @@ class Saltation:
             if np.abs((other - found) / self._linear.units[:, None]).max() > _ROUNDING * scale:
                 self._refuse("several close at once, and the order in which they do matters", rows[hit], impact.t)
         return found
+
+    def _check_friction(self, impact: LocatedImpact, friction: ImpactFriction, hit: Array) -> None:
+        """Refuse impacts with friction whose derivative is not known, or does not exist."""
+        rows, linear = impact.rows, self._linear
+        if hit.sum() > 1:
+            self._refuse("several close at once where there is friction", rows[hit], impact.t)
+        changed = hit & (np.abs(friction.restitution - linear.rows.restitution[rows]) > _ROUNDING)
+        if changed.any():
+            self._refuse("friction lowers its restitution, so that no energy is gained", rows[changed], impact.t)
+        tangents = linear.rows.tangents(impact.t, impact.q, rows)
+        edge = tangents.friction * impact.percussion
+        pull = np.linalg.norm(friction.tangential, axis=1)
+        loose = friction.sticks & (pull > (1.0 - _EDGE) * edge)
+        slip = np.asarray(tangents.jacobian).reshape(len(rows), 2, -1)
+        size = np.linalg.norm(slip @ impact.after, axis=1)
+        slow = (edge > 0.0) & ~friction.sticks & (size < self._slowest * self._length)
+        if (loose | slow).any():
+            self._refuse("it is about to stick or to slip in the impact", rows[loose | slow], impact.t)
 
     def _check_rows(self, impact: LocatedImpact, J: Array, before: Array, hit: Array, was_closed: Array) -> None:
         """Refuse grazing, and rows that bounce without end or come to rest in another way than by e = 0."""
@@ -145,7 +194,10 @@ class Saltation:
         """Refuse rows among those kept closed that carry no force: a varied motion may leave them."""
         free, metric, J, wanted, scale = self._linear.flow.contact_equations(t, q, v, closed)
         G = J @ metric.solve_rows(J).T
-        forces = least_percussion(G, wanted - J @ free) * G.diagonal()
+        if self._linear.friction is None:
+            forces = least_percussion(G, wanted - J @ free) * G.diagonal()
+        else:
+            forces = self._linear.friction.modes.forces(t, q, v, closed)[1].normal * G.diagonal()
         loose = np.isin(closed, rests) & (forces <= _PRESSED * scale)
         if loose.any():
             self._refuse(f"by {by} it has none where no force keeps the contact closed", closed[loose], t)
@@ -212,18 +264,20 @@ class Saltation:
         """Return the variations after the impacts of groups of rows, one group after the other."""
         linear, varied, t, q, v = self._linear, self._varied, impact.t, impact.q, impact.before
         n, closed, bearing = len(v), impact.closed_before, impact.rows[bears]
+        linear.choose(None if impact.friction is None else impact.friction.before)
         a = linear.flow.acceleration(t, q, v, closed)[:n]
         for k, group in enumerate(groups):
             rate = float((linear.rows.gradients(t, q, group[:1]) @ v)[0])
             rows = np.union1d(np.intersect1d(group, bearing), staying)
             hit = np.isin(rows, group)
-            law = linear.law(t, q, v, rows, hit, linear.rows.restitution[rows])
+            law = self._law(impact, v, rows, hit)
             last = k == len(groups) - 1
             kept = np.union1d(closed, np.intersect1d(group, impact.closed_after))
             closed = impact.closed_after if last else kept
             after = impact.after if last else law.after
             if last:
                 self._check_velocity(impact, law.after)
+            linear.choose(None if impact.friction is None else impact.friction.after)
             next_a = linear.flow.acceleration(t, q, after, closed)[:n]
             # where bounces of an e above 0 would end at once, they change nothing in the end to first order
             ends = np.isin(group, impact.closed_after).any()
@@ -237,6 +291,17 @@ class Saltation:
             ])  # fmt: skip
             v, a = after, next_a
         return X
+
+    def _law(self, impact: LocatedImpact, v: Array, rows: Array, hit: Array) -> LinearLaw:
+        """Return the law on some rows of an impact, of which some close."""
+        linear, t, q, friction = self._linear, impact.t, impact.q, impact.friction
+        e = linear.rows.restitution[rows]
+        if friction is None or linear.friction is None:
+            return linear.law(t, q, v, rows, hit, e)
+        own = np.searchsorted(impact.rows, rows)
+        along = np.einsum("kci,ki->kc", linear.rows.tangents(t, q, rows).axes, friction.tangential[own])
+        found = Percussions(impact.after, impact.percussion[own], along, friction.sticks[own])
+        return linear.friction.law(t, q, v, rows, hit, e, found)
 
     def _check_velocity(self, impact: LocatedImpact, after: Array) -> None:
         """Refuse an impact whose law is not the one that was differentiated."""

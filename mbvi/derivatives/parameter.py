@@ -26,12 +26,15 @@ class Parameter:
         A variation of each column that is neither large nor small; positive.
     gaps : ndarray, shape (m, k), or float
         The derivatives of the gaps of all constraints by p; their gradients do not depend on p.
+    frictions : ndarray, shape (m, k), or float
+        The derivatives of the coefficients of friction of all constraints by p.
     hides_control : bool
         Whether `vary` puts another control in front of that of a robot, so that it must be varied last.
     """
 
     sizes: Array
     gaps: Array | float = 0.0
+    frictions: Array | float = 0.0
     hides_control = False
 
     def add_force(self, t: float, q: Array, v: Array, a: Array, out: Array) -> None:

@@ -24,11 +24,12 @@ from .controls import OF_CONTROL, OF_TORQUE, Gain, Torque, has_gain
 from .inertial import OF_CENTRE, OF_INERTIA, OF_MASS, BodyInertia, LinkInertia, Regressor
 from .parameter import ACCELERATION, Parameter, gravitation, with_gravity
 
-_GRAVITY, _OFFSET = "gravity", "offset of "
+_GRAVITY, _OFFSET, _FRICTION, _FRICTION_OF = "gravity", "offset of ", "friction", "friction of "
 # what names of parameters look like
 FORMS = (
     "mass of BODY", "centre of mass of BODY", "inertia of BODY", "torque of JOINT", "control stiffness of JOINT",
-    "control damping of JOINT", "control target of JOINT", "gravity", "offset of WALL",
+    "control damping of JOINT", "control target of JOINT", "gravity", "offset of WALL", "friction",
+    "friction of CONSTRAINT",
 )  # fmt: skip
 
 
@@ -79,6 +80,22 @@ class Offset(Parameter):
         replaced[id(self._wall)] = self._moved(now, float(change[0]))
 
 
+class Friction(Parameter):
+    """The coefficient of friction of some constraints.
+
+    Parameters
+    ----------
+    frictions : ndarray, shape (m, 1)
+        By how much it changes that of each constraint: by 1 or not.
+    """
+
+    def __init__(self, frictions: Array) -> None:
+        self.frictions, self.sizes = frictions, np.ones(1)
+
+    def vary(self, replaced: dict[int, Any], change: Array) -> None:
+        """Leave the problem as it is: what integrates it adds to the coefficients."""
+
+
 class Parameters:
     """Parameters of a problem, whose columns follow each other.
 
@@ -122,6 +139,10 @@ class Parameters:
         """Return the derivatives of the gaps of all constraints, shape (count of constraints, count)."""
         return np.hstack([np.zeros((count, 0)), *(np.zeros((count, len(p.sizes))) + p.gaps for p in self._each)])
 
+    def frictions(self, count: int) -> Array:
+        """Return the derivatives of the coefficients of friction of all constraints, shape (count, self.count)."""
+        return np.hstack([np.zeros((count, 0)), *(np.zeros((count, len(p.sizes))) + p.frictions for p in self._each)])
+
     def varied(self, problem: Problem, change: Array) -> Problem:
         """Return a problem of its own with other values of the parameters."""
         replaced: dict[int, Any] = {}
@@ -143,6 +164,8 @@ def parameter(problem: Problem, name: str, regressors: dict[int, Regressor]) -> 
         if others:
             raise InputError(f"wrt holds 'gravity', of which {type(others[0]).__name__} knows nothing")
         return Gravity(problem)
+    if name == _FRICTION or name.startswith(_FRICTION_OF):
+        return _friction(problem, name)
     if name.startswith(_OFFSET):
         return _offset(problem, name.removeprefix(_OFFSET))
     kind = next((one for one in (OF_MASS, OF_CENTRE, OF_INERTIA, OF_TORQUE, *OF_CONTROL) if name.startswith(one)), None)
@@ -195,6 +218,16 @@ def _offset(problem: Problem, name: str) -> Offset:
         known = ", ".join([*walls, *given]) or "none"
         raise InputError(f"wrt holds 'offset of {name}'; half-spaces and gap functions with a name are {known}")
     return Offset(-np.array(met, float)[:, None], wall, moved, problem.length)
+
+
+def _friction(problem: Problem, name: str) -> Friction:
+    constraints = problem.constraints
+    rough = np.array([constraints.coefficient_of_friction(k) > 0.0 for k in range(len(constraints))])
+    named = np.array([name in (_FRICTION, _FRICTION_OF + constraints.name(k)) for k in range(len(constraints))])
+    if not (rough & named).any():
+        known = ", ".join(constraints.name(k) for k in np.flatnonzero(rough).tolist()) or "none"
+        raise InputError(f"wrt holds {shown(name)}; constraints that have friction are {known}")
+    return Friction((rough & named).astype(float)[:, None])
 
 
 def _at_offset(wall: HalfSpace, by: float) -> HalfSpace:

@@ -12,6 +12,7 @@ from ..results.trajectory import Trajectory
 from ..schemes.event_driven.runge_kutta import RungeKuttaStep
 from ..system.system import Array
 from .directions import Directions
+from .motion.friction import ChosenModes
 from .variation import Followed, Variation
 
 
@@ -47,8 +48,9 @@ class Reverse(Variation):
         super().__init__(problem, tolerance, every)
         self._given = varied
         self._varies_start = bool(varied.start.any() or varied.by_gap.any())
-        # matrices of impacts, shape (2 nv, 2 nv + p), and steps with the rows that are closed in them, and their kinks
-        self._tape: list[Array | tuple[RungeKuttaStep, Array, list[float]]] = []
+        # matrices of events, shape (2 nv, 2 nv + p), and steps with the rows that are closed in them, their modes and
+        # kinks
+        self._tape: list[Array | tuple[RungeKuttaStep, Array, ChosenModes | None, list[float]]] = []
         self.impacts: list[tuple[float, float, Array]] = []
 
     def _begin_step(self, t: float, q: Array, v: Array, integrator: Followed) -> None:
@@ -62,7 +64,7 @@ class Reverse(Variation):
             self._tape.append(self._X)
 
     def _smooth(self, step: RungeKuttaStep) -> None:
-        self._tape.append((step, self._closed, self.kinks(step)))
+        self._tape.append((step, self._closed, self._modes, self.kinks(step)))
 
     def check_times(self, times: Array, run: Trajectory) -> None:
         """Refuse times at impacts; of fixed steps, times within the steps of impacts."""
@@ -94,7 +96,8 @@ class Reverse(Variation):
                 back = part.T @ (y[:n] / units)
                 y = np.concatenate([units * back[:n], y[n:] + back[n:]])
                 continue
-            (step, closed, kinks), marks = part, list[tuple[float, Array]]()
+            (step, closed, modes, kinks), marks = part, list[tuple[float, Array]]()
+            self._linear.choose(modes)
             while left and (left[-1][0] > step.t or part is first):
                 t, row = left.pop()
                 # how far back from the end of the step
@@ -109,11 +112,11 @@ class Reverse(Variation):
         n, units, by_p = len(self._linear.units), self._linear.units, self._given.by_p
 
         def matrices(shares: Array) -> Array:
-            A = self.rates(step, 1.0 - shares, closed)
+            A = self.rates(step, 1.0 - shares, closed) / units[:, None]
             return np.concatenate([A[..., :n] * units, A[..., n:] @ by_p], axis=-1).swapaxes(1, 2)
 
         def applied(matrices: Array, y: Array) -> Array:
-            return matrices @ (y[..., :n, :] / units[:, None])
+            return matrices @ y[..., :n, :]
 
         ends = sorted({0.0, 1.0, *(1.0 - share for share in kinks), *(share for share, _ in marks)})
         for before, here in pairwise([0.0, *ends]):

@@ -121,6 +121,8 @@ def sensitivity(
         - "control stiffness of arm/elbow" [N m/rad, N/m], "control damping of arm/elbow" [N m s/rad, N s/m], "control
           target of arm/elbow" [rad, m]: of a joint on which a `PDControl` has a gain; a target varies by as much at all
           times of a trajectory. A torque at a limit does not vary.
+        - "friction": mu of all contacts that have any, by the same number that is added to each. "friction of ball |
+          floor": that of one pair.
         - "gravity" [m/s^2]: its acceleration along x, y and z, 3 columns.
         - "offset of floor" [m]: the place of a half-space along its normal; of a `GapFunction` by its name, whose f
           becomes less by it.
@@ -140,9 +142,9 @@ def sensitivity(
         orthogonal in the kinetic metric; impacts slower than the root of the tolerance, relative to the speed of their
         bodies or to a length of the scene a second, and gaps that just miss such an impact; impacts that accumulate; a
         run that starts or ends at an impact; by parameters also closed contacts that carry no force; a torque of
-        a `PDControl` that stays exactly at its limit. Where mbvi does
-        not know it: another scheme, friction, loops and coupled joints, controls of the whole scene, polyhedra that
-        touch each other.
+        a `PDControl` that stays exactly at its limit. With friction several impacts at once, and impacts that are
+        about to stick or to slip. Where mbvi does not know it: another scheme, friction along fixed steps or of joints,
+        loops and coupled joints, controls of the whole scene, polyhedra that touch each other.
     InputError
         If a name is unknown, or duration is not positive and finite.
     UnsuitableError, DivergedError, ProjectionError
@@ -157,7 +159,9 @@ def sensitivity(
     run, variation, varied = followed(problem, scheme, duration, step, wrt, bodies, Variation)
     matrices = np.array(variation.matrices) / varied.sizes
     matrices.setflags(write=False)
-    runs = VariedRuns(problem, float(duration), varied, matrices[0], variation.closed_at_start)
+    runs = VariedRuns(
+        problem, float(duration), varied, matrices[0], variation.closed_at_start, variation.still_at_start
+    )
     return Sensitivity(run, matrices[-1], matrices, varied.columns, runs)
 
 
@@ -224,8 +228,10 @@ def _checked(problem: Problem, scheme: Scheme | OwnStepsScheme) -> Scheme | Even
         reason = (
             f"of {scheme!r} none is known: take EventDriven(tolerance), Paoli, MoreauJean, Centered or StewartTrinkle"
         )
-    elif problem.constraints.frictional or system.has_joint_friction:
-        reason = "there is friction, whose derivatives mbvi does not know yet"
+    elif problem.constraints.frictional and not isinstance(scheme, EventDriven):
+        reason = f"there is friction, whose derivatives mbvi knows along runs of EventDriven only, not of {scheme.name}"
+    elif system.has_joint_friction:
+        reason = "joints have friction, whose derivatives mbvi does not know yet"
     elif system.equalities or any(part.system.equalities for part in located_parts(system)):
         reason = "there are loops or coupled joints, whose derivatives mbvi does not know yet"
     elif system.observe is not None:

@@ -18,18 +18,19 @@ from ..schemes.event_driven.runge_kutta import RungeKuttaStep
 from ..system.system import Array
 from .directions import Directions
 from .fixed_steps import LocatedSteps
-from .impacts import LocatedImpact, Saltation
+from .impacts import ImpactFriction, LocatedImpact, Saltation
+from .motion.friction import ChosenModes
+from .motion.linear_steps import LinearMethod, LinearSteps
 from .motion.linearised import Linearised
 from .near_misses import NearMisses
+from .slip_changes import SlipChanges
 
 # what a run is followed by
 Followed = EventDrivenIntegrator | LocatedSteps
 
-# largest error of one step of the variations, relative to the tolerance and to the largest entry of a column; the least
-# one that the rounding of differences allows; and the most parts into which a step is divided for it
-_LOCAL, _ROUNDING, _MOST_PARTS = 0.3, 1e-10, 64
-# nodes at which the matrices of a step, or of a part of one, are computed
-_NODES = 5
+# largest error of one step of the variations, relative to the tolerance and to the largest entry of a column; and the
+# least one that the rounding of differences allows
+_LOCAL, _ROUNDING = 0.3, 1e-10
 # entries that count as small of what one size of a parameter changes
 LEAST = 1e-3
 # jump of accelerations that rounding explains, relative to the largest one
@@ -54,26 +55,17 @@ class Variation:
         The variations at each recorded state of the run.
     closed_at_start : ndarray of int
         Rows that are closed at the start.
+    still_at_start : ndarray of bool, or None
+        Which of them have no slip; None without friction.
     approximate : bool
         Whether the motion is known to a step of fixed length only: variations then take one step of order two for each,
         and accelerations may jump at a release.
-
-    Notes
-    -----
-    dX/dt = A X + B P along the dense output of the run, with the rates B P by the parameters, by the tableau of order
-    eight that made its steps. A and B P are polynomials through Gauss's nodes, which is of order ten; what their
-    leading terms change estimates its error. A step whose error is too large for X is divided.
     """
 
     def __init__(self, problem: Problem, tolerance: float, varied: Directions) -> None:
-        # imported here because it is slow to import
-        from scipy.integrate import DOP853
-
-        self._A, self._b, self._c = DOP853.A[:12, :12], DOP853.B, DOP853.C[:12]
-        self._nodes, self._interpolation = _interpolation(self._c)
-        self._errors = np.array([DOP853.E5[:12], DOP853.E3[:12]])
         self._linear = Linearised(deepcopy(problem), varied.parameters)
-        self._tolerance, self._varied = max(_LOCAL * tolerance, _ROUNDING), varied
+        self._method = LinearMethod(max(_LOCAL * tolerance, _ROUNDING), len(self._linear.units))
+        self._varied = varied
         self._least = np.where(varied.of_parameters, LEAST, 1e-300)
         self._saltation = Saltation(self._linear, varied, problem.length, float(np.sqrt(tolerance)), self._refuse)
         self.approximate = False
@@ -82,6 +74,9 @@ class Variation:
         self._varies_start = bool(varied.start.any() or varied.by_gap.any())
         self.matrices, self._X = [varied.start], varied.start
         self._closed = self._held = self.closed_at_start = NO_ROWS
+        self.still_at_start: Array | None = None
+        self._modes: ChosenModes | None = None
+        self._slips = SlipChanges(self._linear, self._refuse)
         # gaps up to this are at an event [m]
         self._touching = 0.0
         # the largest acceleration so far, with and without contact forces
@@ -93,7 +88,8 @@ class Variation:
     def __call__(self, part: RungeKuttaStep | ImpactEvent, integrator: Followed) -> None:
         """Follow a smooth step or an impact of the run."""
         if integrator.fallbacks:
-            self._refuse("contacts whose gradients jump take steps of Paoli here", integrator.event_rows, integrator.t)
+            reason = "steps of Paoli are taken here: gradients of contacts jump, or friction leaves accelerations open"
+            self._refuse(reason, integrator.event_rows, integrator.t)
         involved, rows = np.union1d(integrator.closed, integrator.event_rows), integrator.rows
         pairs = rows.pair[involved[involved >= len(rows.all)]]
         if pairs.size:
@@ -103,10 +99,16 @@ class Variation:
             return
         self._begin_step(part.t, part.q0, part.v0, integrator)
         self._step(part)
+        self._slips.stopped = self._stopped(integrator)
         self._touching = 10.0 * integrator.touching
         self._misses.step(part, self._closed, self._held, self._touching)
         self._end = part.t + part.h, integrator.q, integrator.v
         self.matrices.append(self._X)
+
+    @staticmethod
+    def _stopped(integrator: Followed) -> int:
+        """Return the closed row whose slip vanishes at the end of a step, as an index of the closed rows, or -1."""
+        return -1 if integrator.modes is None else integrator.modes.stopped
 
     def finish(self) -> None:
         """Refuse an impact at the end of the run, where the velocity is that before or after it."""
@@ -141,20 +143,23 @@ class Variation:
 
     def _begin_step(self, t: float, q: Array, v: Array, integrator: Followed) -> None:
         """Carry the variations over what happened since the last step, of which a new one starts."""
-        closed, held = integrator.closed, integrator.held
+        closed, held, modes = integrator.closed, integrator.held, _modes_of(integrator)
         if self._pending is not None:
             event, rows = self._pending
             self._pending = None
             impact = LocatedImpact(
-                t, q, event.before, v, rows, event.rates[0], self._closed, self._held, closed
+                t, q, event.before, v, rows, event.rates[0], self._closed, self._held, closed,
+                _friction_of(event, self._modes, modes),
             )  # fmt: skip
             self._X = self._saltation.carried(impact, self._X)
             self.matrices[-1] = self._X
         elif self._end is None:
+            self._linear.choose(modes)
             self._start(t, q, v, integrator)
-        elif not np.array_equal(closed, self._closed):
-            self._change(q, v, closed)
-        self._closed, self._held = closed, held
+        elif not np.array_equal(closed, self._closed) or _differ(modes, self._modes):
+            self._change(q, v, closed, modes)
+        self._closed, self._held, self._modes = closed, held, modes
+        self._linear.choose(modes)
 
     def _start(self, t: float, q: Array, v: Array, integrator: Followed) -> None:
         """Restrict the variations to those that keep closed what is closed at the start."""
@@ -165,6 +170,8 @@ class Variation:
         if slow.any() and (self._varies_start or by_p):
             self._refuse("it touches at the start and is about to open", touching[slow], t)
         self.closed_at_start = integrator.closed
+        if self._linear.friction is not None:
+            self.still_at_start = self._linear.friction.still(t, q, v, integrator.closed)
         closed = integrator.closed
         if by_p and closed.size:
             self._saltation.check_forces(t, q, v, closed, closed, "parameters")
@@ -175,8 +182,11 @@ class Variation:
             self._refuse("moved walls leave no room for what rests between them", closed, t)
         self._X = self.matrices[0] = onto @ self._X + moved
 
-    def _change(self, q: Array, v: Array, closed: Array) -> None:
-        """Refuse a change of closed contacts at which accelerations jump: at a release they do not."""
+    def _change(self, q: Array, v: Array, closed: Array, modes: ChosenModes | None) -> None:
+        """Carry the variations over a change of contacts without an impact.
+
+        At a release accelerations do not jump, nor where a contact begins to slip; where a slip stops they do.
+        """
         assert self._end is not None
         t, n = self._end[0], len(v)
         new = np.setdiff1d(closed, np.union1d(self._closed, self._held))
@@ -184,9 +194,16 @@ class Variation:
             self._refuse("it comes to rest without an impact", new, t)
         if self.approximate:
             return
-        before, after = (self._linear.flow.acceleration(t, q, v, rows)[:n] for rows in (self._closed, closed))
-        if np.abs((after - before) / self._linear.units[:n]).max() > _JUMP * self._fastest:
+        accelerations = []
+        for rows, chosen in ((self._closed, self._modes), (closed, modes)):
+            self._linear.choose(chosen)
+            accelerations.append(self._linear.flow.acceleration(t, q, v, rows)[:n])
+        before, after = accelerations
+        if np.abs((after - before) / self._linear.units[:n]).max() <= _JUMP * self._fastest:
+            return
+        if self._modes is None or modes is None or self._slips.stopped < 0:
             self._refuse("contact forces jump at a release", np.setxor1d(closed, self._closed), t)
+        self._X = self._slips.carried((t, q, v), after, (self._closed, self._modes), (closed, modes), self._X)
 
     def _step(self, step: RungeKuttaStep) -> None:
         """Carry the variations over a smooth step, in as many parts as their error needs."""
@@ -215,11 +232,17 @@ class Variation:
     def kinks(self, step: RungeKuttaStep) -> list[float]:
         """Return the shares of a step, ascending, at which `rates` jump."""
         # a step of order two does not feel them
-        return [] if self.approximate else self._linear.kinks(step)
+        if self.approximate:
+            return []
+        kinks, friction = self._linear.kinks(step), self._linear.friction
+        return kinks if friction is None else sorted({*kinks, *friction.turning(step)[1]})
 
     def rates(self, step: RungeKuttaStep, shares: Array, closed: Array) -> Array:
         """Return `Linearised.matrix` at some shares of a step, one after the other."""
         system, linear = self._linear.system, self._linear
+        if linear.friction is not None and closed.size:
+            middle = float(shares.mean())
+            linear.friction.hold_directions(step.t + middle * step.h, *step.at(system, middle))
         return np.array([
             linear.matrix(step.t + share * step.h, *step.at(system, share), closed) for share in shares.tolist()
         ])  # fmt: skip
@@ -233,7 +256,7 @@ class Variation:
         X: Array,
         least: Array | float,
     ) -> Array:
-        """Return X after some stretches of a step, each taken in as many equal parts as its error needs.
+        """Return X after some stretches of a step, each divided where its error needs it.
 
         Parameters
         ----------
@@ -241,71 +264,38 @@ class Variation:
             The step.
         ends : sequence of float
             The shares of it at which stretches begin and end, ascending; matrices are smooth within each.
-        matrices : callable
-            matrices(shares) -> array, shape (k, a, b): what depends on the time.
-        applied : callable
-            applied(matrix, X) -> dX/dt, for matrices and X with any leading axes.
+        matrices, applied : callable
+            See `LinearSteps`.
         X : ndarray, shape (n, p)
             X at its start.
         least : ndarray, shape (p,), or float
             Entries of each column up to this are small.
         """
+        friction = self._linear.friction
+        stiff = friction is not None and not self.approximate and friction.turning(step)[0]
+        steps = LinearSteps(self._method, step.h, matrices, applied, least, stiff)
         for first, last in pairwise(ends):
-            length = last - first
-            if self.approximate:
-                h, middle = length * step.h, matrices(np.array([first + 0.5 * length]))[0]
-                X = X + h * applied(middle, X + 0.5 * h * applied(middle, X))
-                continue
-            parts, found = 1, None
-            while found is None and parts <= _MOST_PARTS:
-                shares = first + length * (np.arange(parts)[:, None] + self._nodes) / parts
-                found = self._parts(length * step.h / parts, shares, matrices, applied, X, least)
-                parts *= 2
+            found = steps.rough(first, last, X) if self.approximate else steps.taken(first, last, X)
             if found is None:
                 self._refuse("the variations change too fast to be integrated", NO_ROWS, step.t)
             X = found
         return X
 
-    def _parts(
-        self,
-        h: float,
-        shares: Array,
-        matrices: Callable[[Array], Array],
-        applied: Callable[[Array, Array], Array],
-        X: Array,
-        least: Array | float,
-    ) -> Array | None:
-        """Return X after some parts of length h, of whose nodes `shares` are given; None if the error is too large."""
-        # twice the same: with the matrices, and with those without the leading terms of their polynomials
-        K = np.empty((len(self._c), 2, *X.shape))
-        # the same numbers, one stage a row
-        flat = K.reshape(len(K), -1)
-        for nodes in shares:
-            at_nodes = matrices(nodes)
-            M = (self._interpolation @ at_nodes.reshape(_NODES, -1)).reshape(2, -1, *at_nodes.shape[1:])
-            both = np.stack([X, X])
-            for i in range(len(self._c)):
-                K[i] = applied(M[:, i], both + h * (self._A[i, :i] @ flat[:i]).reshape(both.shape) if i else both)
-            fifth, third = np.abs(h * (self._errors @ flat)).reshape(2, *both.shape)[:, 0].max(axis=1)
-            X, rough = both + h * (self._b @ flat).reshape(both.shape)
-            scale = np.sqrt(fifth**2 + 0.01 * third**2)
-            error = fifth * np.divide(fifth, scale, out=np.zeros_like(scale), where=scale != 0.0)
-            error = np.maximum(error, np.abs(X - rough).max(axis=0))
-            # written so that a NaN is refused too
-            if not (error <= self._tolerance * np.maximum(np.abs(X).max(axis=0), least)).all():
-                return None
-        return X
+
+def _modes_of(integrator: Followed) -> ChosenModes | None:
+    modes = integrator.modes
+    return None if modes is None else ChosenModes(modes.index.copy(), modes.sticks.copy(), modes.way.copy())
 
 
-def _interpolation(shares: Array) -> tuple[Array, Array]:
-    """Return Gauss's nodes in (0, 1), and what makes values at some shares of those at the nodes.
+def _differ(one: ChosenModes | None, other: ChosenModes | None) -> bool:
+    """Return whether contacts stick and slip in other ways, or begin to slip the other way."""
+    if one is None or other is None or not np.array_equal(one.sticks, other.sticks):
+        return one is not other
+    return bool((np.vecdot(one.way, other.way)[~one.sticks] < 0.0).any())
 
-    The second, shape (2, k, nodes), has the polynomial through the nodes, then the one without its leading term, which
-    is the nearest of its degree.
-    """
-    from numpy.polynomial import legendre
 
-    nodes, weights = legendre.leggauss(_NODES)
-    terms = (np.arange(_NODES) + 0.5)[:, None] * legendre.legvander(nodes, _NODES - 1).T * weights
-    there = legendre.legvander(2.0 * shares - 1.0, _NODES - 1)
-    return 0.5 * (nodes + 1.0), np.stack([there @ terms, there[:, :-1] @ terms[:-1]])
+def _friction_of(event: ImpactEvent, before: ChosenModes | None, after: ChosenModes | None) -> ImpactFriction | None:
+    friction, e = event.friction, event.restitution
+    if friction is None or before is None or after is None or e is None:
+        return None
+    return ImpactFriction(before, after, friction.tangential, friction.sticks, e)

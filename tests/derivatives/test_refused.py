@@ -42,7 +42,6 @@ def test_other_schemes():
 
 
 def test_friction_loops_and_controls_of_the_scene():
-    refused(ball(friction=0.3), "friction")
     scene = mbvi.Scene()
     for name, x in (("a", 0.0), ("b", 1.0)):
         scene.add_box((0.1, 0.1, 0.1), mass=1.0, position=(x, 0, 0), name=name)

@@ -8,6 +8,8 @@ import numpy as np
 
 from ...problem import Problem
 from ...schemes.event_driven.contact_rows import SmoothRows
+from ...schemes.event_driven.friction.modes import ContactModes
+from ...schemes.event_driven.motion_state import SLOW
 from ...schemes.event_driven.runge_kutta import Flow, RungeKuttaStep, least_percussion
 from ...system.lengths import velocity_units
 from ...system.mechanisms.articulated import ArticulatedSystem
@@ -15,6 +17,7 @@ from ...system.system import Array, System, located_parts
 from ..parameters import Parameters
 from .accelerations import Accelerations
 from .differences import STEP, along
+from .friction import ChosenModes, FrictionDerivatives
 from .point_rows import PointRows
 
 # singular values of a Delassus matrix below this part of the largest count as zero
@@ -59,6 +62,8 @@ class Linearised:
     ----------
     units : ndarray, shape (2 nv,)
         The unit of each variation: lengths of the scene and radians, for velocities per second.
+    friction : FrictionDerivatives or None
+        Derivatives with friction; None where the problem has none.
     """
 
     def __init__(self, problem: Problem, parameters: Parameters) -> None:
@@ -71,6 +76,12 @@ class Linearised:
         self._steps = STEP * units
         self._free, self._points = Accelerations(self.system, self._steps), PointRows(self.system)
         self._turning = _turning(self.system, problem.q0)
+        self.friction: FrictionDerivatives | None = None
+        if problem.constraints.frictional:
+            modes = ContactModes(self.flow, self.rows, SLOW * problem.length)
+            frictions = parameters.frictions(len(problem.constraints))
+            self.friction = FrictionDerivatives(self, modes, self._steps, frictions)
+            self.flow.modes = modes
         n = self.system.nv
         # dq/dt = v, and the rest of A
         self._empty = np.zeros((2 * n, 2 * n + parameters.count))
@@ -80,19 +91,34 @@ class Linearised:
         """Return the shares of a step, ascending, at which A jumps."""
         return self._free.kinks(step)
 
+    def choose(self, modes: ChosenModes | None) -> None:
+        """Set the modes of closed contacts with friction."""
+        if self.friction is not None and modes is not None:
+            self.friction.modes.choose(*modes)
+
     def matrix(self, t: float, q: Array, v: Array, closed: Array) -> Array:
         """Return A with the given rows kept closed, by the state and the parameters, shape (2 nv, 2 nv + m)."""
         n = len(v)
         A = self._empty.copy()
         for own, constants in self._turning:
             A[own, own] = constants @ v[own]
-        if closed.size:
+        if closed.size and self.friction is not None:
+            A[n:] = self.friction.accelerations(t, q, v, closed)
+        elif closed.size:
             A[n:] = self._held(t, q, v, closed)
-            return A
-        A[n:, : 2 * n] = self._free.jacobian(t, q, v, np.zeros(n))
-        if self.parameters.count:
-            A[n:, 2 * n :] = self.parameters.accelerations(t, q, v, self.system.acceleration(t, q, v))
+        else:
+            a = self.system.acceleration(t, q, v) if self.parameters.count else np.zeros(n)
+            A[n:] = self.at_constant_force(t, q, v, a, np.zeros(n))
         return A
+
+    def at_constant_force(self, t: float, q: Array, v: Array, a: Array, force: Array) -> Array:
+        """Return the derivative of the acceleration a under a constant generalised force, (nv, 2 nv + m)."""
+        out = self._free.jacobian(t, q, v, force)
+        return np.hstack([out, self.parameters.accelerations(t, q, v, a)]) if self.parameters.count else out
+
+    def momenta(self, q: Array, w: Array) -> Array:
+        """Return the derivative of M w by q at a constant w, shape (nv, nv)."""
+        return self._free.momenta(q, w)
 
     def _held(self, t: float, q: Array, v: Array, closed: Array) -> Array:
         """Return the derivative of accelerations with closed contacts by (q, v) and parameters, (nv, 2 nv + m)."""
@@ -103,9 +129,7 @@ class Linearised:
         forces = least_percussion(G, wanted - J @ free)
         a = free + forces @ W
         # derivatives at constant contact forces, then of the forces, which keep J a + (dJ/dt) v zero
-        out = self._free.jacobian(t, q, v, forces @ J)
-        if self.parameters.count:
-            out = np.hstack([out, self.parameters.accelerations(t, q, v, a)])
+        out = self.at_constant_force(t, q, v, a, forces @ J)
         gradients, bias_by_q = self.rows_by_q(t, q, v, closed)
         pushed = np.einsum("ijk,i->kj", gradients, forces)
         out[:, :n] += self.system.metric(q).solve_rows(pushed).T
@@ -167,8 +191,10 @@ class Linearised:
         by_p = (onto - share @ J) @ self.parameters.jumps(q, jump)
         return LinearLaw(v + jump, by_q, onto - share @ (factor[:, None] * J), -share * (hit * rates), by_p)
 
-    def tangents(self, t: float, q: Array, v: Array, closed: Array, gaps: Array) -> tuple[Array, Array]:
-        """Return the variations that keep some rows closed and at rest.
+    def tangents(
+        self, t: float, q: Array, v: Array, closed: Array, gaps: Array, starts: bool = True
+    ) -> tuple[Array, Array]:
+        """Return the variations that keep some rows closed and at rest, and contacts that stick sticking.
 
         Parameters
         ----------
@@ -178,6 +204,8 @@ class Linearised:
             The rows.
         gaps : ndarray, shape (k, p)
             Variations of their gaps by something else than q.
+        starts : bool
+            Whether contacts without slip are kept from sliding, even if they slide in what follows.
 
         Returns
         -------
@@ -192,13 +220,17 @@ class Linearised:
         J = self.rows.gradients(t, q, closed)
         W = self.system.metric(q).solve_rows(J)
         share = W.T @ np.linalg.pinv(J @ W.T, rcond=_DEPENDENT, hermitian=True)
-        onto = np.eye(n) - share @ J
+        onto, moved = np.eye(n) - share @ J, -share @ gaps
         gradients, _ = self.rows_by_q(t, q, v, closed)
+        if self.friction is not None:
+            # velocities along tangents vanish too, places do not
+            J, gradients = self.friction.with_sticking(t, q, v, closed, J, gradients, starts)
+            W = self.system.metric(q).solve_rows(J)
+            share = W.T @ np.linalg.pinv(J @ W.T, rcond=_DEPENDENT, hermitian=True)
         P = np.zeros((2 * n, 2 * n))
-        P[:n, :n] = P[n:, n:] = onto
+        P[:n, :n], P[n:, n:] = onto, np.eye(n) - share @ J
         turned = -share @ np.einsum("ijk,j->ik", gradients, v)
         P[n:, :n] = turned @ onto
-        moved = -share @ gaps
         return P, np.vstack([moved, turned @ moved])
 
 

@@ -20,7 +20,7 @@ Second = Callable[[Array, Array, Array, Array, Array], tuple[Array, Array]]
 
 
 class PointRows:
-    """Derivatives by q of the gradient and the bias of heights n . x - c of points x of bodies.
+    """Derivatives by q of the gradient and the bias of heights n . x - c of points x of bodies, and of their turns.
 
     Parameters
     ----------
@@ -52,6 +52,41 @@ class PointRows:
             here = q[part.q : part.q + part.system.nq]
             gradients[rows, own, own], biases[rows, own] = second(here, v[own], body, table[rows, 1:4], table[rows, 4:])
         return gradients, biases
+
+    def turns_by_q(self, q: Array, v: Array, body: Array, axis: Array) -> tuple[Array, Array]:
+        """Return what `by_q` does, of rows that are the rates at which bodies turn about axes in the world."""
+        gradients, biases = np.zeros((len(body), self._nv, self._nv)), np.zeros((len(body), self._nv))
+        for part, _ in self._parts:
+            rows = np.flatnonzero((body > part.body) & (body < part.body + len(part.system.bodies)))
+            turns = _turns_of(
+                part.system, q[part.q : part.q + part.system.nq], (body[rows] - part.body).astype(np.int64)
+            )
+            own = slice(part.v, part.v + part.system.nv)
+            for row, (columns, before) in zip(rows.tolist(), turns, strict=True):
+                # each column turns with the joints before it, and so does what these turn it by
+                turned = before[..., None] * _cross(columns[:, None], columns)
+                rate = v[own]
+                spin, spins = (before * rate[:, None]).T @ columns, np.einsum("lkx,kj,k->ljx", turned, before, rate)
+                gradients[row, own, own] = turned.swapaxes(0, 1) @ axis[row]
+                biases[row, own] = (_cross(spins, columns) + _cross(spin, turned)).swapaxes(1, 2) @ rate @ axis[row]
+        return gradients, biases
+
+
+def _turns_of(system: System, q: Array, body: Array) -> list[tuple[Array, Array]]:
+    """Return of bodies the angular velocities by each velocity, shape (nv, 3), and which act before which, (nv, nv)."""
+    found = []
+    if isinstance(system, ArticulatedSystem):
+        _, columns, support = system.kinematics(q)
+        order = _order(system.model).astype(float)
+        found = [(columns[:, 3:] * support[one][:, None], order) for one in body.tolist()]
+    elif isinstance(system, FreeBodies):
+        for one, place in zip(body.tolist(), system.placements(q, body), strict=True):
+            columns = np.zeros((system.nv, 3))
+            columns[6 * one - 3 : 6 * one] = place[:3]
+            found.append((columns, np.ones((system.nv, system.nv))))
+    else:
+        found = [(np.zeros((system.nv, 3)), np.ones((system.nv, system.nv)))] * len(body)
+    return found
 
 
 def _of_part(part: Part, table: Array) -> Array:

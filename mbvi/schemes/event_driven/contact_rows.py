@@ -70,6 +70,8 @@ class SmoothRows:
         The factor that makes a length of a gap: 1, or the scene's length for an angle.
     rounding : ndarray, shape (m,)
         Error of a gap by rounding [m or rad].
+    friction : ndarray, shape (len(constraints),), or None
+        What is added to the coefficient of friction of each constraint.
 
     Raises
     ------
@@ -100,6 +102,7 @@ class SmoothRows:
         self.lever = np.broadcast_to(constraints.levers(self.number), (start,))
         self.rounding = _ROUNDING * max(length, _extent(self._system, q)) / self.lever
         self.rounding[~self.smooth] *= _SEARCHED
+        self.friction: Array | None = None
         self._splits: dict[bytes, list[tuple[ConstraintFamily | FeatureRows, Array]]] = {}
 
     def with_features(self, q: Array, index: Array, kept: Array, tolerance: float) -> Array:
@@ -183,15 +186,21 @@ class SmoothRows:
         """Return some rows in ascending order with their tangents, as schemes of fixed steps have them."""
         J, nothing = self.gradients(t, q, index), np.zeros(len(index))
         rows = Rows(self.number[index], nothing, J, self.restitution[index], *self.points(t, q, index))
-        return rows._replace(tangents=self._constraints.tangents_of(t, q, rows))
+        return rows._replace(tangents=self._tangents_of(t, q, rows))
 
     def tangents(self, t: float, q: Array, index: Array) -> Tangents:
         """Return the tangents of some rows in ascending order, dense."""
         nothing = np.zeros(len(index))
         none = np.zeros((len(index), self._system.nv))
         rows = Rows(self.number[index], nothing, none, nothing, *self.points(t, q, index))
-        tangents = self._constraints.tangents_of(t, q, rows)
+        tangents = self._tangents_of(t, q, rows)
         return tangents._replace(jacobian=dense(tangents.jacobian))
+
+    def _tangents_of(self, t: float, q: Array, rows: Rows) -> Tangents:
+        tangents = self._constraints.tangents_of(t, q, rows)
+        if self.friction is None:
+            return tangents
+        return tangents._replace(friction=tangents.friction + self.friction[rows.constraint])
 
     def tangent_bias(self, t: float, q: Array, v: Array, index: Array) -> Array:
         """Return (dT/dt) v of the tangents T of some rows in ascending order, shape (2 k,)."""

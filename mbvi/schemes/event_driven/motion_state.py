@@ -18,7 +18,7 @@ from .runge_kutta import Flow, velocity_change
 # largest gap of a touching contact, relative to the tolerance of the scheme
 _TOUCHING = 0.01
 # rates below this count as zero, in lengths of the scene a second [1/s]
-_SLOW = 1e-14
+SLOW = 1e-14
 NO_ROWS = np.zeros(0, np.int64)
 
 
@@ -75,7 +75,7 @@ class MotionState:
         self.flow = Flow(problem, self.rows)
         self.closing = ClosingEvents(self.system, self.rows, self.flow.kernels)
         self.units = velocity_units(self.system, problem.length)
-        slow = _SLOW * problem.length
+        slow = SLOW * problem.length
         self.modes = ContactModes(self.flow, self.rows, slow) if problem.constraints.frictional else None
         self.flow.modes = self.modes
         self.observed = ContactObserver(problem, self.rows)
@@ -91,11 +91,11 @@ class MotionState:
 
     def slow(self, index: Array) -> Array:
         """Return the rates of some rows that count as zero [m/s or rad/s]."""
-        return np.asarray(_SLOW * self.problem.length / self.rows.lever[index])
+        return np.asarray(SLOW * self.problem.length / self.rows.lever[index])
 
     def slow_constraints(self, numbers: Array) -> Array | float:
         """Return the rates of some constraints that count as zero [m/s or rad/s]."""
-        return _SLOW * self.problem.length / self.problem.constraints.levers(numbers)
+        return SLOW * self.problem.length / self.problem.constraints.levers(numbers)
 
     def remove_drift(self) -> None:
         """Remove the drift of closed contacts: from the configuration, then from the velocity."""

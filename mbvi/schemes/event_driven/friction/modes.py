@@ -73,10 +73,7 @@ class ModeEquations(NamedTuple):
         """
         free, metric, J, wanted, _ = self.normals
         k, slips = len(J), ~sticks & (self.mu > 0.0)
-        held = sticks[:, None] & self.T.any(axis=2)
-        kept = np.concatenate([J, self.T[held]])
-        forced = kept.copy()
-        forced[:k][slips] -= np.einsum("k,ki,kij->kj", self.mu[slips], way[slips], self.T[slips])
+        kept, forced, held = rows_of_modes(J, self.T, self.mu, sticks, way)
         response = metric.solve_rows(forced)
         missing = np.concatenate([wanted, self.along[held]]) - kept @ free
         G, unique = kept @ response.T, True
@@ -95,6 +92,20 @@ class ModeEquations(NamedTuple):
         return ModeForces(free + f @ response, f[:k], tangential, unique)
 
 
+def rows_of_modes(J: Array, T: Array, mu: Array, sticks: Array, way: Array) -> tuple[Array, Array, Array]:
+    """Return the rows that modes keep at a rate, those along which contacts push, and which tangents stick, (k, 2).
+
+    The first two have the same shape: gradients of the k rows, then the tangents of those that stick. A contact that
+    slips pushes along its gradient less mu times the direction of slip.
+    """
+    slips = ~sticks & (mu > 0.0)
+    held = sticks[:, None] & T.any(axis=2)
+    kept = np.concatenate([J, T[held]])
+    forced = kept.copy()
+    forced[: len(J)][slips] -= np.einsum("k,ki,kij->kj", mu[slips], way[slips], T[slips])
+    return kept, forced, held
+
+
 class ContactModes:
     """Which closed contacts stick, and in which direction the others slip.
 
@@ -109,6 +120,8 @@ class ContactModes:
 
     Attributes
     ----------
+    slow : float
+        Slip that counts as none [m/s].
     system : System
         What moves.
     index : ndarray of int, shape (k,)
@@ -124,7 +137,7 @@ class ContactModes:
     """
 
     def __init__(self, flow: Flow, rows: SmoothRows, slow: float) -> None:
-        self._flow, self._rows, self._slow, self.system = flow, rows, slow, flow.system
+        self._flow, self._rows, self.slow, self.system = flow, rows, slow, flow.system
         self.stopped, self.undecided = -1, False
         self.choose(np.zeros(0, np.int64), np.zeros(0, bool), np.zeros((0, 2)))
 
@@ -137,7 +150,7 @@ class ContactModes:
         normals = self._flow.contact_equations(t, q, v, closed)
         tangents = self._rows.tangents(t, q, closed)
         T = np.asarray(tangents.jacobian).reshape(len(closed), 2, len(v))
-        still = STILL * (np.abs(T) @ np.abs(v)).sum(axis=1) + self._slow
+        still = STILL * (np.abs(T) @ np.abs(v)).sum(axis=1) + self.slow
         along = -self._rows.tangent_bias(t, q, v, closed).reshape(-1, 2)
         return ModeEquations(normals, T, tangents.friction, T @ v, still, along)
 

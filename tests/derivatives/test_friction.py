@@ -1,0 +1,171 @@
+"""`mbvi.sensitivity` of motions with Coulomb friction, against closed forms and differences of runs."""
+
+import numpy as np
+import pytest
+
+import mbvi
+from support.derivatives import agrees, slopes
+
+G = 9.81
+
+
+def point(force, q, v, e, mu):
+    """A point of unit mass above the line or plane where its last coordinate is zero."""
+    n = len(q)
+    up, along = np.eye(n)[-1], np.zeros((2, n))
+    along[range(n - 1), range(n - 1)] = 1.0
+    system = mbvi.LagrangianSystem(lambda q: np.eye(n), force, n)
+    floor = mbvi.GapFunction(lambda q: q[-1], lambda q: up, name="floor", tangents=lambda q: along)
+    return mbvi.Problem(system, [floor], q, v, restitution=e, friction=mu)
+
+
+def differentiated(problem, duration, wrt=("state", "friction"), tolerance=1e-11):
+    return mbvi.sensitivity(problem, mbvi.EventDriven(tolerance), duration=duration, wrt=wrt)
+
+
+def on_slope(x, pull, duration):
+    """Place and speed on a slope, from (place, speed, mu): up to a stop, then down, or at rest where mu holds it."""
+    s, v, mu = x
+    stop = v / (pull + mu * G)
+    if stop.real > np.real(duration):
+        return np.array([s + v * duration - 0.5 * (pull + mu * G) * duration**2, v - (pull + mu * G) * duration])
+    s, left = s + 0.5 * v * stop, duration - stop
+    down = pull - mu * G if pull > mu.real * G else 0.0
+    return np.array([s - 0.5 * down * left**2, -down * left])
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_point_on_a_rough_plane(seed):
+    """It slides up, stops, and then rests or slides down."""
+    rng = np.random.default_rng(seed)
+    x = np.array([rng.normal(), rng.uniform(0.5, 2), rng.uniform(0.1, 0.5)])
+    pull = (rng.uniform(0.1, 0.8) if seed % 2 else rng.uniform(1.2, 2)) * x[2] * G
+    found = differentiated(point(lambda t, q, v: np.array([-pull, -G]), [x[0], 0], [x[1], 0], 0, x[2]), 0.9)
+    agrees(found.matrix[::2][:, [0, 2, 4]], slopes(lambda x: on_slope(x, pull, 0.9), x))
+
+
+def thrown(x, e, r, duration):
+    """Centre, velocity and spin of a ball over a rough floor, in the world, from those at the start and mu.
+
+    It bounces; with e = 0 it stays, slides and rolls.
+    """
+    c, v, w, mu, left = x[:3], x[3:6], x[6:9], x[9], duration
+    up, gravity = np.eye(3)[2], np.array([0, 0, -G])
+    while True:
+        t = (v[2] + np.sqrt(v[2] ** 2 + 2 * G * (c[2] - r))) / G
+        if t.real > np.real(left):
+            return np.concatenate([c + v * left + 0.5 * gravity * left**2, v + gravity * left, w])
+        c, v, left = c + v * t + 0.5 * gravity * t**2, v + gravity * t, left - t
+        press = -(1 + e) * v[2]
+        v, w = strikes(v, w, mu * press, r, up)
+        v = v + press * up
+        if e == 0.0:
+            slip = v + np.cross(w, -r * up)
+            size = np.sqrt(slip @ slip)
+            stop = size / (3.5 * mu * G)
+            slides = stop if stop.real < np.real(left) else left
+            way = slip / size if size.real > 1e-9 else 0 * slip
+            c = c + v * slides - 0.5 * mu * G * way * slides**2
+            v, w = v - mu * G * way * slides, w + 2.5 / r * mu * G * np.cross(up, way) * slides
+            return np.concatenate([c + v * (left - slides), v, w])
+
+
+def strikes(v, w, most, r, up):
+    """Velocity and spin after the friction of a percussion that is at most so large."""
+    slip = v + np.cross(w, -r * up)
+    slip[2] = 0.0
+    size = np.sqrt(slip @ slip)
+    pull = -slip * 2 / 7 if (2 / 7 * size).real < most.real else -slip / size * most
+    return v + pull, w + 2.5 / r * np.cross(-up, pull)
+
+
+def in_world(matrix, q, v):
+    """The rows of centre, velocity and spin of one free body, in the world, where only the spin is in its own axes."""
+    x, y, z, s = q[3:7]
+    turned = np.array([
+        [1 - 2 * (y * y + z * z), 2 * (x * y - s * z), 2 * (x * z + s * y)],
+        [2 * (x * y + s * z), 1 - 2 * (x * x + z * z), 2 * (y * z - s * x)],
+        [2 * (x * z - s * y), 2 * (y * z + s * x), 1 - 2 * (x * x + y * y)],
+    ])  # fmt: skip
+    place, angle, velocity, spin = matrix[:3], matrix[3:6], matrix[6:9], matrix[9:12]
+    return np.vstack([place, velocity, turned @ (spin + np.cross(angle, v[3:], axisa=0).T)])
+
+
+SLIDES = pytest.mark.slow(seconds=15)
+
+
+@pytest.mark.parametrize(
+    ("e", "mu", "duration"),
+    [
+        pytest.param(0.6, 0.4, 0.9, id="bounces that stick"),
+        pytest.param(0.6, 0.03, 0.9, id="bounces that slip"),
+        pytest.param(0.0, 0.03, 0.7, id="sliding", marks=SLIDES),
+        pytest.param(0.0, 0.1, 0.9, id="sliding, then rolling", marks=SLIDES),
+    ],
+)
+@pytest.mark.parametrize("seed", range(2))
+def test_a_ball_on_a_rough_floor(e, mu, duration, seed):
+    rng = np.random.default_rng(seed)
+    x = np.concatenate([[0, 0, rng.uniform(0.4, 0.6)], rng.normal(size=3) * [1, 1, 0.3], 3 * rng.normal(size=3), [mu]])
+    scene = mbvi.Scene(restitution=e, friction=mu)
+    scene.add_halfspace((0, 0, 1), name="floor")
+    scene.add_sphere(radius=0.1, mass=1.3, position=x[:3], name="ball")
+    problem = scene.build()
+    found = differentiated(problem.at(problem.q0, x[3:9]), duration, ("state", "friction of ball | floor"))
+    run, exact = found.run, slopes(lambda x: thrown(x, e, 0.1, duration), x)
+    world = in_world(found.matrix, run.q[-1], run.v[-1])[:, [0, 1, 2, 6, 7, 8, 9, 10, 11, 12]]
+    agrees(world, exact)
+    assert len(run.impacts) > 0
+
+
+@pytest.mark.slow(seconds=40)
+def test_stops_whose_direction_turns():
+    """A ball that is pulled sideways while it slides turns towards the pull, and stops in it."""
+    scene = mbvi.Scene(friction=0.3)
+    normal = np.array([np.sin(0.3), 0, np.cos(0.3)])
+    scene.add_halfspace(normal, name="slope")
+    scene.add_sphere(radius=0.1, position=0.1 * normal, name="ball")
+    problem = scene.build()
+    across = np.array([0.3 * normal[2], 1.0, -0.3 * normal[0]])
+    found = mbvi.sensitivity(problem.at(problem.q0, [*across, 0, 0, 0]), duration=0.25, wrt=["state", "friction"])
+    assert not found.run.notes
+    assert found.check(1).error.max() < 1e-6
+
+
+@pytest.mark.slow(seconds=15)
+@pytest.mark.parametrize(("most", "rate"), [(6, 3), (4, 9)])
+def test_a_point_that_sticks_slips_and_stops(most, rate):
+    given = point(lambda t, q, v: np.array([most * np.sin(rate * t), -G]), [0, 0], [0, 0], 0.0, 0.3)
+    found = differentiated(given, 1.6)
+    moves = np.abs(found.run.v[:, 0]) > 1e-9
+    # it begins to slip and it stops
+    assert (moves[1:] & ~moves[:-1]).any() and (moves[:-1] & ~moves[1:]).any()
+    assert found.check(1).error.max() < 1e-7
+
+
+def test_the_gradient_of_a_number_is_its_row_times_the_matrix():
+    pull = 0.5
+    given = point(lambda t, q, v: np.array([-pull - 0.3 * q[0], -G]), [0, 0.02], [0.9, 0], 0.0, 0.2)
+    scheme, wrt = mbvi.EventDriven(1e-10), ["state", "friction"]
+    row = np.array([1.0, 0, 0.7, 0])
+    found = mbvi.gradient(given, lambda q, v: (q[0] + 0.7 * v[0], row), scheme, duration=0.8, wrt=wrt)
+    matrix = mbvi.sensitivity(given, scheme, duration=0.8, wrt=wrt).matrix
+    agrees(found.gradient, row @ matrix)
+    assert np.abs(found.gradient).max() > 0.01
+
+
+def two_feet():
+    scene = mbvi.Scene(restitution=0.5, friction=0.4)
+    scene.add_halfspace((0, 0, 1), name="floor")
+    for k in range(2):
+        scene.add_sphere(radius=0.1, position=(k, 0, 0.5), name=f"ball {k}")
+    return scene.build()
+
+
+def test_where_there_is_none():
+    with pytest.raises(mbvi.SensitivityError, match="several close at once where there is friction"):
+        mbvi.sensitivity(two_feet(), duration=0.5)
+    with pytest.raises(mbvi.SensitivityError, match="along runs of EventDriven only, not of Paoli"):
+        mbvi.sensitivity(two_feet(), mbvi.Paoli(), duration=0.1)
+    with pytest.raises(mbvi.InputError, match=r"constraints that have friction are ball 0 | floor, ball 1 | floor"):
+        mbvi.sensitivity(two_feet(), duration=0.1, wrt=["friction of ball 0"])
