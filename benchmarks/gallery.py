@@ -123,6 +123,7 @@ WITHOUT = {
     "find_restitution": "the restitution of a ball, from a recording of its bounces",
     "bank_shot": "a throw that is at a mark in time after three impacts: 7 runs with derivatives, 25 without",
     "find_gains": "the gains of a drive, from a recording of its joint at a wall, by a gradient of one pass back",
+    "keep_hopping": "a linear-quadratic regulator through landings keeps a hopper hopping after a blow",
     "hopper_environment": "the interface of gymnasium",
     "viser_viewer": "a run in the viewer viser, with a slider for the time",
 }

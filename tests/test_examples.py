@@ -62,6 +62,8 @@ NUMBERS = {
     # the states of the environment and those of `rollout`
     "hopper_environment": (0.0, 0),
     "hourglass": (120, 0),
+    # the same at tolerance 1e-9, and that of the linear model for small blows (below)
+    "keep_hopping": (9.404e-5, 1e-7),
     # the balance of momentum, of first order in the step of the robot
     "mixed_heap": (1.0, 1e-3),
     # the angular momentum about the end that jams
@@ -149,6 +151,24 @@ def test_a_throw_is_aimed_in_a_third_of_the_runs_with_derivatives():
     example = load("bank_shot")
     (exact, runs), (other, more) = example.aim(), example.aim(derivatives=False)
     assert exact == pytest.approx(other, abs=1e-5) and 3 * runs < more
+
+
+@pytest.mark.slow(seconds=6)
+def test_a_hopper_hops_on_as_the_linear_model_of_its_regulator_says():
+    example = load("keep_hopping")
+    hopper = example.Hopper()
+    states, targets, A, B = example.periodic(hopper)
+    gains = example.regulator(A, B)[: example.INTERVALS]
+    for feedback, least, most in ((1.0, 0.0, 0.05), (0.0, 5.0, 20.0)):
+        closed = np.eye(10)
+        for a, b, K in zip(A, B, gains, strict=True):
+            closed = (a - feedback * b @ K) @ closed
+        for size in (0.1, 0.01):
+            run = example.hop_on(hopper, states, targets, feedback * np.array(gains), size * example.BLOW)
+            before, after = np.abs(run).max(axis=1)
+            assert least < after / before < most
+            # what is left is of second order in the blow
+            assert np.abs(run[1] - closed @ run[0]).max() < 0.5 * size * after
 
 
 @pytest.mark.slow(seconds=6)
