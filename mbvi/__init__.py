@@ -23,7 +23,15 @@ from .geometry import motion, surfaces
 if TYPE_CHECKING:
     from . import interop, packing, reference
     from .constraints import GapFunction
-    from .derivatives import Gradient, Sensitivity, SensitivityCheck, gradient, sensitivity
+    from .derivatives import (
+        Gradient,
+        OneSidedSensitivity,
+        Sensitivity,
+        SensitivityBranch,
+        SensitivityCheck,
+        gradient,
+        sensitivity,
+    )
     from .impacts import Forks, forks
     from .problem import Problem
     from .projection import DualActiveSet, Projection, ProxQP, SparsePCG, impact, project
@@ -68,6 +76,7 @@ __all__ = [
     "MbviWarning",
     "MjcfError",
     "MoreauJean",
+    "OneSidedSensitivity",
     "PDControl",
     "Paoli",
     "Problem",
@@ -79,6 +88,7 @@ __all__ = [
     "Scene",
     "SchatzmanPaoli",
     "Sensitivity",
+    "SensitivityBranch",
     "SensitivityCheck",
     "SensitivityError",
     "Simulator",
@@ -111,7 +121,7 @@ __all__ = [
 # modules that are imported when one of their names is first used
 _LATER = {
     ".constraints": "GapFunction",
-    ".derivatives": "Gradient Sensitivity SensitivityCheck gradient sensitivity",
+    ".derivatives": "Gradient OneSidedSensitivity Sensitivity SensitivityBranch SensitivityCheck gradient sensitivity",
     ".impacts": "Forks forks",
     ".problem": "Problem",
     ".projection": "DualActiveSet Projection ProxQP SparsePCG impact project",

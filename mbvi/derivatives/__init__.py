@@ -2,6 +2,15 @@
 
 from .check import SensitivityCheck
 from .gradient import Gradient, gradient
+from .one_sided import OneSidedSensitivity, SensitivityBranch
 from .sensitivity import Sensitivity, sensitivity
 
-__all__ = ["Gradient", "Sensitivity", "SensitivityCheck", "gradient", "sensitivity"]
+__all__ = [
+    "Gradient",
+    "OneSidedSensitivity",
+    "Sensitivity",
+    "SensitivityBranch",
+    "SensitivityCheck",
+    "gradient",
+    "sensitivity",
+]

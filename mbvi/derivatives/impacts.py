@@ -8,6 +8,7 @@ from typing import NoReturn
 
 import numpy as np
 
+from ..projection.metric import Metric
 from ..schemes.event_driven.motion_state import certain_rates
 from ..schemes.event_driven.runge_kutta import least_percussion
 from ..system.system import Array
@@ -102,6 +103,11 @@ class Saltation:
     refuse : callable
         refuse(reason, rows, time) raises `SensitivityError`.
 
+    Attributes
+    ----------
+    fork : LocatedImpact or None
+        The impact that was refused because the order of single impacts matters.
+
     Notes
     -----
     One row closes, at the rate J v- < 0: a variation x = (dq, dv) shifts the time by s = -(J dq + df) / (J v-), with
@@ -116,6 +122,7 @@ class Saltation:
         self._varied = varied
         # the rows that have had impacts
         self._struck: set[int] = set()
+        self.fork: LocatedImpact | None = None
 
     def slowest(self, rows: Array, J: Array, v: Array) -> Array:
         """Return the rates of rows [m/s, rad/s] below which an impact is refused as grazing."""
@@ -147,6 +154,7 @@ class Saltation:
             other = self._one_by_one(impact, order, rows[stays], bears, X)
             scale = max(np.abs(one / self._linear.units[:, None]).max() for one in (X, found))
             if np.abs((other - found) / self._linear.units[:, None]).max() > _ROUNDING * scale:
+                self.fork = impact
                 self._refuse("several close at once, and the order in which they do matters", rows[hit], impact.t)
         return found
 
@@ -209,19 +217,14 @@ class Saltation:
         """
         if hit.sum() == 1:
             return [impact.rows[hit]]
-        metric = self._linear.system.metric(impact.q)
-        closing = metric.whiten(np.asfortranarray(J[hit].T))
-        if stays.any():
-            basis, size, _ = np.linalg.svd(metric.whiten(np.asfortranarray(J[stays].T)), full_matrices=False)
-            basis = basis[:, size > _COSINE * size[0]]
-            closing = closing - basis @ (basis.T @ closing)
-        closing = closing / np.linalg.norm(closing, axis=0)
-        cosines, left, groups = closing.T @ closing, list(range(closing.shape[1])), []
+        cosines = cosines_of(self._linear.system.metric(impact.q), J[hit], J[stays])
+        left, groups = list(range(len(cosines))), []
         while left:
             one = [k for k in left if cosines[left[0], k] > 1.0 - _COSINE]
             left = [k for k in left if k not in one]
             between = cosines[np.ix_(one, left)].ravel()
             if np.abs(between).max(initial=0.0) > _COSINE:
+                self.fork = impact
                 self._refuse(
                     f"{hit.sum()} rows close at once that are not orthogonal in the kinetic metric (cosine "
                     f"{between[np.abs(between).argmax()]:.3g}): the order of impacts matters, see mbvi.forks",
@@ -234,11 +237,15 @@ class Saltation:
             involved = np.union1d(impact.rows[hit], opens)
             self._refuse("several close at once, and a closed contact opens", involved, impact.t)
         for group in groups:
-            if len(group) > 1:
-                self._check_gaps(impact, group)
-            if len(group) > 1 and not stays.any():
-                self._check_one(impact, group)
+            self.check_group(impact, group, alone=not stays.any())
         return groups
+
+    def check_group(self, impact: LocatedImpact, group: Array, *, alone: bool) -> None:
+        """Refuse rows that act as one, but not for all variations; alone: no contact stays closed."""
+        if len(group) > 1:
+            self._check_gaps(impact, group)
+        if len(group) > 1 and alone:
+            self._check_one(impact, group)
 
     def _check_gaps(self, impact: LocatedImpact, group: Array) -> None:
         """Refuse rows that act as one and that a wall, moved along its normal, takes apart."""
@@ -262,12 +269,11 @@ class Saltation:
 
     def _one_by_one(self, impact: LocatedImpact, groups: list[Array], staying: Array, bears: Array, X: Array) -> Array:
         """Return the variations after the impacts of groups of rows, one group after the other."""
-        linear, varied, t, q, v = self._linear, self._varied, impact.t, impact.q, impact.before
+        linear, t, q, v = self._linear, impact.t, impact.q, impact.before
         n, closed, bearing = len(v), impact.closed_before, impact.rows[bears]
         linear.choose(None if impact.friction is None else impact.friction.before)
         a = linear.flow.acceleration(t, q, v, closed)[:n]
         for k, group in enumerate(groups):
-            rate = float((linear.rows.gradients(t, q, group[:1]) @ v)[0])
             rows = np.union1d(np.intersect1d(group, bearing), staying)
             hit = np.isin(rows, group)
             law = self._law(impact, v, rows, hit)
@@ -281,14 +287,7 @@ class Saltation:
             next_a = linear.flow.acceleration(t, q, after, closed)[:n]
             # where bounces of an e above 0 would end at once, they change nothing in the end to first order
             ends = np.isin(group, impact.closed_after).any()
-            of_e = law.by_e @ varied.by_e[linear.rows.number[rows]] * (not ends)
-            gap = linear.rows.gradients(t, q, group[:1]) @ X[:n] + varied.by_gap[linear.rows.number[group[:1]]]
-            shift = -gap[0] / rate
-            dq, dv = X[:n] + np.outer(v, shift), X[n:] + np.outer(a, shift)
-            X = np.vstack([
-                dq - np.outer(after, shift),
-                law.by_q @ dq + law.by_v @ dv + of_e + law.by_p @ varied.by_p - np.outer(next_a, shift),
-            ])  # fmt: skip
+            X = self.over(law, rows, group[:1], (t, q, v, a), (after, next_a), X, ends=bool(ends))
             v, a = after, next_a
         return X
 
@@ -303,12 +302,64 @@ class Saltation:
         found = Percussions(impact.after, impact.percussion[own], along, friction.sticks[own])
         return linear.friction.law(t, q, v, rows, hit, e, found)
 
+    def over(
+        self,
+        law: LinearLaw,
+        rows: Array,
+        first: Array,
+        before: tuple[float, Array, Array, Array],
+        after: tuple[Array, Array],
+        X: Array,
+        *,
+        ends: bool,
+    ) -> Array:
+        """Return variations X after a single impact.
+
+        Parameters
+        ----------
+        law : LinearLaw
+            Its law, of `rows`.
+        rows, first : ndarray of int
+            The rows that bear a percussion, and one of those that close, alone.
+        before, after : tuple
+            (t, q, v, dv/dt) and (v, dv/dt).
+        X : ndarray, shape (2 nv, p)
+            Variations before.
+        ends : bool
+            Whether the contact stays closed: by e nothing then varies.
+        """
+        varied, (t, q, v, a), (w, b) = self._varied, before, after
+        n, shift = len(v), self.shift(t, q, v, first, X)
+        of_e = law.by_e @ varied.by_e[self._linear.rows.number[rows]] * (not ends)
+        dq, dv = X[:n] + np.outer(v, shift), X[n:] + np.outer(a, shift)
+        return np.vstack([
+            dq - np.outer(w, shift),
+            law.by_q @ dq + law.by_v @ dv + of_e + law.by_p @ varied.by_p - np.outer(b, shift),
+        ])  # fmt: skip
+
+    def shift(self, t: float, q: Array, v: Array, first: Array, X: Array) -> Array:
+        """Return by how much variations shift the time at which one row closes, shape (p,)."""
+        J = self._linear.rows.gradients(t, q, first)
+        gap = J @ X[: len(v)] + self._varied.by_gap[self._linear.rows.number[first]]
+        return np.asarray(-gap[0] / float((J @ v)[0]))
+
     def _check_velocity(self, impact: LocatedImpact, after: Array) -> None:
         """Refuse an impact whose law is not the one that was differentiated."""
         units = self._linear.units[: len(after)]
         scale = np.abs(impact.before / units).max() + np.abs(impact.after / units).max()
         if np.abs((after - impact.after) / units).max() > _ROUNDING * scale:
             self._refuse("the impact is not that of its rows one by one", impact.rows, impact.t)
+
+
+def cosines_of(metric: Metric, J: Array, held: Array) -> Array:
+    """Return the cosines of the kinetic angles between rows J, on the velocities that keep others held."""
+    closing = metric.whiten(np.asfortranarray(J.T))
+    if held.size:
+        basis, size, _ = np.linalg.svd(metric.whiten(np.asfortranarray(held.T)), full_matrices=False)
+        basis = basis[:, size > _COSINE * size[0]]
+        closing = closing - basis @ (basis.T @ closing)
+    closing = closing / np.linalg.norm(closing, axis=0)
+    return np.asarray(closing.T @ closing)
 
 
 def _other_orders(groups: list[Array]) -> list[list[Array]]:

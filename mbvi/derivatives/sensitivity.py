@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
-from typing import TypeVar
+from typing import Literal, TypeVar, overload
 
 import numpy as np
 
-from ..arguments import integer, optional, positive, several_names, shown
+from ..arguments import boolean, integer, optional, positive, several_names, shown
 from ..errors import InputError, SensitivityError
 from ..problem import Problem, check_kept
 from ..results.trajectory import Trajectory
@@ -22,6 +22,8 @@ from ..system.system import Array, located_parts
 from .check import SensitivityCheck, VariedRuns
 from .directions import Directions, directions
 from .fixed_steps import LocatedSteps
+from .one_sided import OneSidedSensitivity, Part, branches
+from .orders import Branching
 from .variation import Variation
 
 Kind = TypeVar("Kind", bound=Variation)
@@ -82,6 +84,7 @@ class Sensitivity:
         return self._varied.compared(self.matrix, count)
 
 
+@overload
 def sensitivity(
     problem: Problem,
     scheme: Scheme | EventDriven | None = None,
@@ -90,7 +93,28 @@ def sensitivity(
     step: float | None = None,
     wrt: Iterable[str] = ("state",),
     bodies: Iterable[str] | None = None,
-) -> Sensitivity:
+    one_sided: Literal[False] = False,
+) -> Sensitivity: ...
+@overload
+def sensitivity(
+    problem: Problem,
+    scheme: EventDriven | None = None,
+    *,
+    duration: float,
+    wrt: Iterable[str] = ("state",),
+    bodies: Iterable[str] | None = None,
+    one_sided: Literal[True],
+) -> OneSidedSensitivity: ...
+def sensitivity(
+    problem: Problem,
+    scheme: Scheme | EventDriven | None = None,
+    *,
+    duration: float,
+    step: float | None = None,
+    wrt: Iterable[str] = ("state",),
+    bodies: Iterable[str] | None = None,
+    one_sided: bool = False,
+) -> Sensitivity | OneSidedSensitivity:
     """Run a problem and differentiate the run, through its impacts, by the initial state, restitution and parameters.
 
     Parameters
@@ -129,11 +153,14 @@ def sensitivity(
     bodies : sequence of str, optional
         The joints and free bodies whose initial q and v are varied, "quadruped/FL_hip_joint" or "ball", as
         `problem.system.bodies` lists them; by default all.
+    one_sided : bool
+        Whether to differentiate on each side where several constraints close at once and the order of single impacts
+        matters: variations decide which of them closes first. Takes `EventDriven`.
 
     Returns
     -------
-    Sensitivity
-        The run and its derivative, in m, rad and s.
+    Sensitivity or OneSidedSensitivity
+        The run and its derivative, in m, rad and s; with one_sided a run and a derivative for each order.
 
     Raises
     ------
@@ -145,8 +172,11 @@ def sensitivity(
         a `PDControl` that stays exactly at its limit. With friction several impacts at once, and impacts that are
         about to stick or to slip. Where mbvi does not know it: another scheme, friction along fixed steps or of joints,
         loops and coupled joints, controls of the whole scene, polyhedra that touch each other.
+        With one_sided: friction; orders of impacts in which a row grazes, or a force opens a contact between two
+        impacts; more than 20 single impacts that follow each other at once, or 64 branches; columns that keep them
+        simultaneous.
     InputError
-        If a name is unknown, or duration is not positive and finite.
+        If a name is unknown, duration is not positive and finite, or one_sided comes with steps of fixed length.
     UnsuitableError, DivergedError, ProjectionError
         As `simulate`.
 
@@ -156,6 +186,16 @@ def sensitivity(
     Contacts that are closed stay closed: with some at the start the derivative is that along the variations which keep
     them closed. Functions of the user, forces and controls of robots, must be smooth functions of (t, q, v).
     """
+    if boolean(one_sided, "one_sided"):
+        if scheme is not None and not isinstance(scheme, EventDriven):
+            raise InputError(f"one_sided takes EventDriven, which locates impacts; got {shown(scheme)}")
+        names, chosen = several_names(wrt, "wrt"), optional(several_names, bodies, "bodies")
+        check_problem(problem)
+
+        def follow(part: Problem, rest: float, kind: Callable[[Problem, float, Directions], Branching]) -> Part:
+            return followed(part, scheme, rest, step, names, chosen, kind)
+
+        return branches(follow, problem, positive(duration, "duration"))
     run, variation, varied = followed(problem, scheme, duration, step, wrt, bodies, Variation)
     matrices = np.array(variation.matrices) / varied.sizes
     matrices.setflags(write=False)

@@ -672,8 +672,12 @@ CALLS: dict[str, Call] = {
         mbvi.sensitivity,
         lambda: {
             "problem": scene().build(), "scheme": mbvi.Centered(), "duration": 0.01, "step": 1e-3,
-            "wrt": ["state", "restitution"], "bodies": None,
+            "wrt": ["state", "restitution"], "bodies": None, "one_sided": False,
         },
+    ),
+    "OneSidedSensitivity.branch": Call(
+        lambda x: mbvi.sensitivity(scene().build(), duration=1e-3, wrt=["gravity"], one_sided=True).branch(x),
+        lambda: {"x": [1.0, 0.0, 2.0]},
     ),
     "gradient": Call(
         mbvi.gradient,
@@ -847,10 +851,11 @@ _RETURNED = (
     mbvi.RolloutStatus, mbvi.Rollouts,
     mbvi.Trajectory, mbvi.Impact, mbvi.Diagnosis, mbvi.ErrorEstimate, mbvi.Forks, mbvi.Projection, mbvi.packing.Packing,
     mbvi.reference.Reference, mbvi.motion.Motion, mbvi.Gradient, mbvi.Sensitivity, mbvi.SensitivityCheck,
+    mbvi.OneSidedSensitivity, mbvi.SensitivityBranch,
 )  # fmt: skip
 # classes whose methods a user calls; those of schemes, systems and constraints are called by a run
 _WITH_METHODS = (
-    mbvi.Simulator, mbvi.Sensitivity,
+    mbvi.Simulator, mbvi.Sensitivity, mbvi.OneSidedSensitivity,
     mbvi.Scene, mbvi.Problem, mbvi.Trajectory, mbvi.Diagnosis, mbvi.reference.Reference, mbvi.motion.Translation,
     mbvi.motion.Oscillation, mbvi.motion.Rotation,
 )  # fmt: skip
