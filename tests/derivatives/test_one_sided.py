@@ -56,8 +56,8 @@ def first_walls(normals, x, velocity, e):
     return walls
 
 
-def difference(problem, x, duration, length=1e-4):
-    """The derivative of the end along x on its side, of order five, from runs that start on that side only."""
+def limit(problem, x, duration, length=1e-4):
+    """The velocity at the end, and the derivative of the end along x, from runs that start on that side only."""
     n, nodes = problem.system.nv, np.arange(1.0, 6.0)
     polynomials = np.linalg.inv(np.vander(nodes, increasing=True))
     ends = []
@@ -67,7 +67,7 @@ def difference(problem, x, duration, length=1e-4):
         ends.append(mbvi.simulate(start, mbvi.EventDriven(1e-12), duration=duration, progress=False))
     first = ends[0]
     off = [np.concatenate([problem.system.difference(first.q[-1], r.q[-1]), r.v[-1] - first.v[-1]]) for r in ends]
-    return polynomials[1] @ np.array(off) / length
+    return first.v[-1] + polynomials[0] @ np.array(off)[:, n:], polynomials[1] @ np.array(off) / length
 
 
 def compared(problem, duration, directions, count, tolerance=1e-6, length=1e-4):
@@ -78,7 +78,8 @@ def compared(problem, duration, directions, count, tolerance=1e-6, length=1e-4):
     for x in directions:
         branch = found.branch(x)
         met.add(found.branches.index(branch))
-        by_runs, size = difference(problem, x, duration, length), np.abs(x).max()
+        (v, by_runs), size = limit(problem, x, duration, length), np.abs(x).max()
+        assert np.abs(branch.run.v[-1] - v).max() < tolerance * np.abs(v).max() + 1e-12
         assert np.abs(branch.matrix @ x - by_runs).max() < tolerance * max(np.abs(by_runs).max(), size)
     assert len(met) == count
     return found
@@ -131,6 +132,7 @@ def test_three_beads_that_meet():
             branch = found.branch(x)
             met.add(found.branches.index(branch))
             start = np.concatenate([-v, v, [e]]) + 1e-10 * x
+            assert np.abs(branch.run.v[-1] - beads(start, 2.0, masses)[3:]).max() < 1e-8
             agrees(branch.matrix, slopes(lambda y, masses=masses: beads(y, 2.0, masses), start)[:6])
         assert met == {0, 1}
 
@@ -163,6 +165,27 @@ def test_two_corners_one_after_the_other():
         assert branch.conditions.shape == (2, 8)
         agrees(branch.matrix, reflected(both, [int(name) for (name,) in branch.order], e, 2.0))
         assert branch.run.t[0] == pytest.approx(1.5) and set(branch.times.round(6)) == {1.0, 1.5}
+
+
+def test_walls_that_move():
+    """The wall that comes nearer is struck first; reflections at moved walls move the end."""
+    normals, e = wedge(75.0), 0.8
+    problem = in_wedges(normals, e, [-1.0, -0.2])
+    wrt = ["offset of 0", "offset of 1", "restitution of 0"]
+    found = mbvi.sensitivity(problem, SCHEME, duration=2.0, wrt=wrt, one_sided=True)
+    assert len(found.branches) == 2
+    for near in range(2):
+        branch = found.branch(np.eye(3)[near] * 0.01)
+        walls = [int(name) for (name,) in branch.order]
+        assert walls[0] == near
+        moved = np.zeros((2, 2))
+        for k in walls:
+            n = normals[k]
+            moved = moved + (1 + e) * np.outer(n, np.eye(2)[k] - n @ moved)
+        agrees(branch.matrix[:2, :2], moved)
+        assert np.abs(branch.matrix[2:, :2]).max() < 1e-9
+        # no change of restitution makes either wall the first
+        assert (branch.conditions[:, 2] == 0.0).all()
 
 
 def block(width, inertia, e):
