@@ -255,7 +255,8 @@ class RunData:
         dense = self.record.dense
         if dense is not None and self.problem is not None:
             dq, dv = (self.t[i + 1] - self.t[i]) * (dense[i] @ part ** np.arange(1, 1 + dense.shape[-1]))
-            return self.problem.system.integrate(self.q[i], dq), self.v[i] + dv
+            system = next(by_problem(self.problem, self.record.switches, self.t[i : i + 1]))[0].system
+            return system.integrate(self.q[i], dq), self.v[i] + dv
         v = self.v[i + (part >= self.record.timing.jump)].copy()
         if part >= self.record.timing.jump:
             # before what is attached there
@@ -279,9 +280,20 @@ def arriving(run: RunData) -> Array:
     if not run.record.switches:
         return run.v
     found = run.v.copy()
-    found[np.searchsorted(run.t, [one.time for one in run.record.switches])] = [
-        one.before for one in run.record.switches
-    ]
+    found[states_at_switches(run)] = [one.before for one in run.record.switches]
+    return found
+
+
+def states_at_switches(run: RunData) -> list[int]:
+    """Return the numbers of the states from which on connections were switched.
+
+    Schemes that locate impacts have several states at one time: an impact may come just before a switch, or follow it.
+    """
+    found = list[int]()
+    for one in run.record.switches:
+        first, end = (int(np.searchsorted(run.t, one.time, side=side)) for side in ("left", "right"))
+        same = (run.v[first:end] == one.after).all(axis=1)
+        found.append(first + int(same.argmax()))
     return found
 
 
@@ -292,7 +304,7 @@ def legs(run: RunData) -> Iterator[tuple[int, RunData]]:
     it. Contacts, energies and dense output are left out.
     """
     record, before, impacts = run.record, arriving(run), _impacts_of_legs(run)
-    starts = [0, *np.searchsorted(run.t, [one.time for one in record.switches]).tolist()]
+    starts = [0, *states_at_switches(run)]
     problems = [run.problem, *(one.problem for one in record.switches)]
     for problem, start, end, own_impacts in zip(problems, starts, [*starts[1:], len(run.t) - 1], impacts, strict=True):
         part, v = slice(start, end + 1), np.concatenate([run.v[start:end], before[end : end + 1]])

@@ -197,7 +197,10 @@ def simulate(
     again = partial(simulate, residual=residual, depth=depth, solver=solver, switch=switch)
     settings = Settings(problem.system)
     if isinstance(scheme, EventDriven):
-        run = run_event_driven(problem, scheme, duration, every, projector, notes, out, progress, record is not None)
+        run = run_event_driven(
+            problem, scheme, duration, every, projector, notes, out, progress, record is not None,
+            switching=switching, projector_for=projector_for,
+        )  # fmt: skip
         return repeatable(run, again, settings)
     if isinstance(scheme, Adaptive):
         run = run_adaptive(problem, scheme, duration, every, projector, notes, out, progress, record is not None)
@@ -289,7 +292,7 @@ def _scheme_and_step(
         return scheme, _DEFAULT_STEP if h is None else h, []
     if h is not None:
         raise InputError(f"{scheme.name} chooses its own steps: leave out step")
-    if switching:
+    if switching and isinstance(scheme, Adaptive):
         raise UnsuitableError(
             f"{scheme.name} chooses its own steps, and connections are switched between steps of one length: take "
             "another scheme, such as Centered"

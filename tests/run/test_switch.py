@@ -344,7 +344,7 @@ def test_what_cannot_be_switched_is_refused():
     ):
         with pytest.raises(mbvi.InputError, match=words):
             run_of(problem, switch=lambda state, found=found: found)
-    for scheme in (mbvi.EventDriven(), mbvi.Adaptive()):
+    for scheme in (mbvi.Adaptive(),):
         with pytest.raises(mbvi.UnsuitableError, match=f"{scheme.name} chooses its own steps, and connections"):
             mbvi.simulate(problem, scheme, duration=0.1, switch=between(0.02, 0.04))
     with pytest.raises(mbvi.InputError, match="build the problem from a Scene"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from typing import Any
@@ -9,15 +10,15 @@ from typing import Any
 import numpy as np
 
 from ...arguments import function, shown
-from ...constraints import AdmissibleSet
+from ...constraints.contact import Contact
 from ...errors import InputError
 from ...problem import Problem
 from ...projection import Projector
-from ...results.run_data import Array, Switch
+from ...results.run_data import Array, Impact, Switch
 from ...scene.connected.switched import connected, switched
 from ...scene.model import SceneModel
 from ...scene.state import Place, State, Values
-from ...schemes import Scheme, Step
+from ...schemes import OwnStepsScheme, Scheme, Step
 from ...schemes.observer import contacts_of_step
 from ...system.given import called
 from ..recorder import Recorder
@@ -27,6 +28,8 @@ from .attaching import attaching
 # least room that arrays of states grow by, and most notes of switches
 _ROOM, _MOST_NOTES = 16, 20
 
+# the contacts of a state, computed where a function asks for them
+Contacts = Callable[[], tuple[Contact, ...]]
 # switch(state) -> {connection: bool}
 SwitchFunction = Callable[[State], Mapping[str, bool] | None]
 
@@ -56,15 +59,26 @@ class Switching:
 
     def asked(self, problem: Problem, step: Step, h: float) -> dict[str, bool]:
         """Return the connections that change after a step of the length h [s]."""
+        return self.asked_at(step.t, step.q, step.v, partial(contacts_of_step, step, h, problem.constraints.name))
+
+    def asked_at(self, t: float, q: Array, v: Array, contacts: Contacts) -> dict[str, bool]:
+        """Return the connections that change at a state; `contacts` returns the contacts there."""
+        changed = self.wanted(t, q, v, contacts)
+        self.switched(changed)
+        return changed
+
+    def switched(self, changed: dict[str, bool]) -> None:
+        """Take connections as switched."""
+        self._on |= changed
+
+    def wanted(self, t: float, q: Array, v: Array, contacts: Contacts) -> dict[str, bool]:
+        """Return what `asked_at` does, without taking it as done."""
         configuration, velocity = (
             Values(self._places, take, values.view())
-            for take, values in ((Place.configuration, step.q), (Place.velocity, step.v))
+            for take, values in ((Place.configuration, q), (Place.velocity, v))
         )
-        contacts = partial(contacts_of_step, step, h, problem.constraints.name)
-        found = self._function(State(step.t, configuration, velocity, contacts))
-        changed = {name: on for name, on in self._checked(found, step.t) if on != self._on[name]}
-        self._on |= changed
-        return changed
+        found = self._function(State(t, configuration, velocity, contacts))
+        return {name: on for name, on in self._checked(found, t) if on != self._on[name]}
 
     def _checked(self, found: Any, t: float) -> Iterable[tuple[str, bool]]:
         """Yield what the function has returned, or raise `InputError`."""
@@ -81,22 +95,77 @@ class Switching:
             yield name, bool(on)
 
 
-class SwitchedRecorder(Recorder):
-    """A recorder of a run in which connections are switched."""
+class Switches:
+    """What a run records of its switches.
 
-    def __init__(self, *arguments: Any) -> None:
-        super().__init__(*arguments)
-        # the ends of the numbers of constraints before each switch, and how many states more there is room for
-        self._before, self._room = list[tuple[int, AdmissibleSet]](), 0
+    Parameters
+    ----------
+    problem : Problem
+        That of the run.
+
+    Attributes
+    ----------
+    made : list of Switch
+        Those so far.
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        self.made = list[Switch]()
+        self._problems, self._starts = [problem], [0]
 
     def name(self, constraint: int) -> str:
         """Return the name of a constraint; those of each problem follow those of the one before."""
-        start = 0
-        for end, constraints in self._before:
-            if constraint < end:
-                return constraints.name(constraint - start)
-            start = end
-        return self.problem.constraints.name(constraint - start)
+        k = bisect_right(self._starts, constraint) - 1
+        return self._problems[k].constraints.name(constraint - self._starts[k])
+
+    def add(
+        self, problem: Problem, connections: dict[str, bool], before: Step, after: Array, notes: list[str]
+    ) -> tuple[int, list[Impact]]:
+        """Add a switch at a state, and a note of it.
+
+        Parameters
+        ----------
+        problem : Problem
+            With its connections, at the velocity that they allow.
+        connections : dict of str to bool
+            Those that are switched.
+        before : Step
+            The state before.
+        after : ndarray, shape (nv,)
+            The velocity that is recorded.
+        notes : list of str
+            Receives the note.
+
+        Returns
+        -------
+        offset : int
+            What is added to the numbers of the problem's constraints.
+        impacts : list of Impact
+            The impact, if something is attached.
+        """
+        self._starts.append(self._starts[-1] + len(self._problems[-1].constraints))
+        self._problems.append(problem)
+        one = Switch(before.t, connections, before.q.copy(), before.v.copy(), after.copy(), problem)
+        self.made.append(one)
+        if len(self.made) <= _MOST_NOTES:
+            notes.append(f"connections were switched at {one}")
+        on = [name for name, is_on in connections.items() if is_on]
+        impact = attaching(problem, on, before, problem.v0)
+        return self._starts[-1], [] if impact is None else [impact]
+
+
+class SwitchedRecorder(Recorder):
+    """A recorder of a run in which connections are switched."""
+
+    def __init__(self, problem: Problem, *arguments: Any) -> None:
+        super().__init__(problem, *arguments)
+        # how many states more there is room for
+        self._made, self._room = Switches(problem), 0
+        self.switches = self._made.made
+
+    def name(self, constraint: int) -> str:
+        """Return the name of a constraint; see `Switches.name`."""
+        return self._made.name(constraint)
 
     def add_state(self, state: Step) -> None:
         """Record a state whose step is recorded already."""
@@ -117,16 +186,9 @@ class SwitchedRecorder(Recorder):
         `before` is that state, and `after` the same after the percussions of connections and contacts.
         """
         last = self.count - 1
-        offset = len(self.problem.constraints) + (self._before[-1][0] if self._before else 0)
-        self._before.append((offset, self.problem.constraints))
-        when = float(self.t[last])
-        made = Switch(when, connections, before.q.copy(), before.v.copy(), after.v.copy(), problem)
-        self.switches.append(made)
-        if len(self.switches) <= _MOST_NOTES:
-            self.notes.append(f"connections were switched at {made}")
-        on = [name for name, is_on in connections.items() if is_on]
-        impact = attaching(problem, on, before, problem.v0)
-        self.impacts += [] if impact is None else [impact]
+        at = before._replace(t=float(self.t[last]))
+        offset, impacts = self._made.add(problem, connections, at, after.v, self.notes)
+        self.impacts += impacts
         self.begin(problem)
         # percussions at one instant belong to no interval of time
         log, self.contacts = self.contacts, None
@@ -137,7 +199,9 @@ class SwitchedRecorder(Recorder):
         self.v[last] = after.v
 
 
-def connected_at(problem: Problem, t: float, q: Array, v: Array, scheme: Scheme, *, attached: bool) -> Problem:
+def connected_at(
+    problem: Problem, t: float, q: Array, v: Array, scheme: Scheme | OwnStepsScheme, *, attached: bool
+) -> Problem:
     """Return what `connected` does, if the scheme can run it."""
     start = connected(problem, t, q, v, attached=attached)
     scheme.check(start)

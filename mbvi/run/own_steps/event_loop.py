@@ -14,12 +14,19 @@ from ...projection import Projector
 from ...results.contacts import ContactLog
 from ...results.run_data import Array, Impact, RunRecord
 from ...results.trajectory import Trajectory
-from ...schemes import EventDriven
+from ...scene.connected.switched import switched
+from ...schemes import EventDriven, Step
 from ...schemes.contact_friction import ContactFriction, regime
 from ...schemes.event_driven.impact_event import ImpactEvent
 from ...schemes.event_driven.integrator import EventDrivenIntegrator
+from ...schemes.event_driven.observed import Contacts
 from ...schemes.event_driven.reactions import reactions
 from ...schemes.event_driven.runge_kutta import DEGREE, RungeKuttaStep
+from ...schemes.observer import contacts_of_step
+from ...schemes.step import NO_RATES
+from ..fixed_steps.switching import Switches, Switching, connected_at
+from ..start import closes_none
+from .located import LocatedSwitches
 from .recorded import recorded
 
 # exponents of the dense output
@@ -35,10 +42,11 @@ class _EventRecorder:
 
     # the timing that files and energies use
     timing = EventDriven.timing
-    switches = ()
 
     def __init__(self, problem: Problem, every: int, notes: Sequence[str], contacts: ContactLog | None = None) -> None:
-        self._problem, self._every = problem, every
+        self._first_problem = self._problem = problem
+        self._every, self._made = every, Switches(problem)
+        self.switches = self._made.made
         self.contacts = contacts
         if contacts is not None:
             contacts.close()
@@ -56,7 +64,7 @@ class _EventRecorder:
 
     def name(self, constraint: int) -> str:
         """Return the name of a constraint."""
-        return self._problem.constraints.name(constraint)
+        return self._made.name(constraint)
 
     @property
     def count(self) -> int:
@@ -122,6 +130,15 @@ class _EventRecorder:
             )
         )
 
+    def switched(self, problem: Problem, connections: dict[str, bool]) -> None:
+        """Go on with a problem whose connections were switched at the last recorded state."""
+        before = Step(self.t[-1], self.q[-1], self.v[-1], problem.constraints.empty, NO_RATES, 0.0)
+        offset, impacts = self._made.add(problem, connections, before, problem.v0, self.notes)
+        self.impacts += impacts
+        if self.contacts is not None:
+            self.contacts.offset = offset
+        self._problem, self.v[-1] = problem, problem.v0
+
     def _append_state(self, t: float, q: Array, v: Array, depth: Array, dense: Array) -> None:
         """Append a state and the dense output that leads to it."""
         if self.contacts is not None:
@@ -149,7 +166,7 @@ class _EventRecorder:
             scheme.name,
             0.0,
             tuple(self.notes),
-            self._problem,
+            self._first_problem,
             complete,
             RunRecord(
                 np.array(self.penetration[:n]),
@@ -158,6 +175,7 @@ class _EventRecorder:
                 np.array(self.dense[: n - 1]).reshape(-1, 2, self._problem.system.nv, DEGREE),
                 contacts=None if self.contacts is None else self.contacts.table(self.name, n),
                 limit_violation=np.array(self.limit_violation[:n]),
+                switches=tuple(self.switches),
             ),
         )
 
@@ -173,26 +191,81 @@ def run_event_driven(
     progress: bool | None,
     contacts: bool = False,
     watch: Callable[[RungeKuttaStep | ImpactEvent, EventDrivenIntegrator], None] | None = None,
+    switching: Switching | None = None,
+    projector_for: Callable[[Problem], Projector] | None = None,
 ) -> Trajectory:
-    """Run a problem with `EventDriven`; see `simulate`. `watch` is called after each smooth step and impact."""
+    """Run a problem with `EventDriven`; see `simulate`.
+
+    `watch` is called after each smooth step and impact. Where connections are switched, by `switching`, the run goes on
+    with another problem and the projector for it.
+    """
     # a contact that stays closed is one contact, however far it slides
     problem.constraints.renew()
     log = ContactLog(np.inf, frictional=problem.constraints.frictional) if contacts else None
     record = _EventRecorder(problem, every, notes, log)
-    so_far = partial(record.trajectory, scheme, complete=False)
+    so_far, end = partial(record.trajectory, scheme, complete=False), problem.t0 + duration
+    switches = None if switching is None else LocatedSwitches(switching, problem.t0, duration)
+    fallbacks = np.zeros(2, np.int64)
     with recorded(problem, scheme, duration, record, so_far, out, progress) as poll:
-        integrator = scheme.integrator(problem, projector)
-        for part in integrator.run(duration):
-            if isinstance(part, ImpactEvent):
-                record.add_impact(part, integrator)
-            else:
-                record.add_step(part, integrator)
-            if watch is not None:
-                watch(part, integrator)
-            poll(integrator.t)
-        record.record_state()
-        record.notes += _fallback_notes(integrator.fallbacks, integrator.undetermined)
+        now = problem
+        if switches is not None:
+            switches.begin(now.t0, now.q0, now.v0)
+            # an impact at the start comes first
+            if closes_none(now.constraints.active(now.t0, now.q0, now.tolerance), now.v0):
+                switches.at(now.t0, now.q0, now.v0, tuple)
+        while True:
+            connections = {} if switches is None else switches.take()
+            if connections:
+                assert switches is not None and projector_for is not None
+                t, q, v = record.t[-1], record.q[-1], record.v[-1]
+                now = connected_at(
+                    switched(now, t, q, connections), t, q, v, scheme, attached=any(connections.values())
+                )
+                now.constraints.renew()
+                projector = projector_for(now)
+                record.switched(now, connections)
+                switches.begin(t, now.q0, now.v0)
+            integrator = scheme.integrator(now, projector, None if switches is None else partial(_stop, switches, now))
+            for part in integrator.run(end - now.t0):
+                if isinstance(part, ImpactEvent):
+                    record.add_impact(part, integrator)
+                else:
+                    record.add_step(part, integrator)
+                if watch is not None:
+                    watch(part, integrator)
+                poll(integrator.t)
+                if switches is not None and (switches.found or _switches_after(switches, part, integrator)):
+                    break
+            record.record_state()
+            fallbacks += integrator.fallbacks, integrator.undetermined
+            if switches is None or switches.found is None:
+                break
+        record.t[-1] = end
+        record.notes += _fallback_notes(*fallbacks.tolist())
     return record.trajectory(scheme, complete=True)
+
+
+def _stop(switches: LocatedSwitches, problem: Problem, step: RungeKuttaStep, contacts: Contacts) -> float | None:
+    """Return the time within a smooth step at which connections are switched, None if none are."""
+
+    def at(t: float) -> tuple[Array, Array]:
+        return step.at(problem.system, (t - step.t) / step.h)
+
+    return switches.along(step.t, step.t + step.h, at, contacts)
+
+
+def _switches_after(
+    switches: LocatedSwitches, part: RungeKuttaStep | ImpactEvent, integrator: EventDrivenIntegrator
+) -> bool:
+    """Return whether connections are switched after an impact, or a step of `Paoli`."""
+    if isinstance(part, ImpactEvent):
+        return switches.at(part.t, part.q, part.after, integrator.observed.of_impact(part))
+    # an impact at the end of a step of `Paoli` follows it
+    if integrator.fallback is None or integrator.v is not integrator.fallback.v or not part.h > 0.0:
+        return False
+    name = integrator.problem.constraints.name
+    contacts = partial(contacts_of_step, integrator.fallback, part.h, name)
+    return switches.at(integrator.t, integrator.q, integrator.v, contacts)
 
 
 def _of_impact(friction: ContactFriction, percussion: Array, e: Array | None, taking_part: Array) -> tuple[Any, ...]:

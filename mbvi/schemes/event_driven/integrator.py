@@ -7,10 +7,12 @@ from functools import partial
 
 import numpy as np
 
+from ...constraints.contact import Contact
 from ...errors import DivergedError
 from ...problem import Problem
 from ...projection import Projector
 from ...system.system import Array
+from ..contact_friction import ContactFriction
 from .contact_changes import change_contacts, touching_rows
 from .fallback import STEP, bounce, fall_back
 from .finding.feature_events import drop_features, first_feature_change
@@ -19,6 +21,7 @@ from .friction.events import first_mode_end
 from .friction.forces import contact_forces
 from .impact_event import ImpactEvent
 from .motion_state import NO_ROWS, MotionState
+from .observed import Contacts
 from .runge_kutta import RungeKuttaStep
 
 # largest error of one step, relative to the tolerance
@@ -48,11 +51,19 @@ _PATIENCE, _PROGRESS = 3000, 1e-5
 Crossing = Callable[[float, Array, Array], tuple[float, float, float]]
 
 
-class EventDrivenIntegrator(MotionState):
-    """Integrates a motion from the problem's start; see `MotionState` for its state."""
+# see `EventDrivenIntegrator`
+Stop = Callable[[RungeKuttaStep, Contacts], float | None]
 
-    def __init__(self, problem: Problem, tolerance: float, projector: Projector) -> None:
+
+class EventDrivenIntegrator(MotionState):
+    """Integrates a motion from the problem's start; see `MotionState` for its state.
+
+    `stop` is asked about each smooth step, with its contacts, for the time within it at which the motion ends.
+    """
+
+    def __init__(self, problem: Problem, tolerance: float, projector: Projector, stop: Stop | None = None) -> None:
         super().__init__(problem, tolerance, projector)
+        self._stop = stop
         # steps and events so far, and the time when progress was last checked; the same of events alone
         self._count, self._checked_time = 0, self.t
         self._events, self._events_time = 0, -np.inf
@@ -82,16 +93,18 @@ class EventDrivenIntegrator(MotionState):
             if step is None:
                 h = self._shorter(length, factor)
                 continue
+            if self._stop is not None:
+                time = self._stop(step, partial(self._contacts, step))
+                if time is not None:
+                    yield self._to(time, step, a, end)
+                    return
             event = share < 1.0
             if event:
                 # the next event may follow as soon
                 h = min(h, max(_AFTER * share * length, _LEAST_AFTER))
             at_once = at_once + 1 if event and step.h < _LEAST_STEP * max(1.0, abs(self.t)) else 0
             self._advance(step, end)
-            sliding = None
-            if self.modes is not None and self.closed.size and self.observed.active:
-                sliding = contact_forces(self.rows, self.modes, (self.t, self.q, self.v), self.closed, step.h)
-            self.observed.smooth_step(step, self.closed, self.t, self.q, sliding)
+            self._observe(step)
             yield step
             if event:
                 drop_features(self, first)
@@ -109,6 +122,32 @@ class EventDrivenIntegrator(MotionState):
             # a control may react to the contacts that it has just received
             changed = event or self.closed.size or self.observed.active
             a = self.flow.acceleration(self.t, self.q, self.v, self.closed) if changed else step.a
+
+    def _to(self, time: float, step: RungeKuttaStep, a: Array, end: float) -> RungeKuttaStep:
+        """Move to a time within a step, where the motion ends; return the step up to there."""
+        if time < step.t + step.h:
+            step = self._step_to_event(a, time - step.t, None)
+        self._advance(step, end)
+        self.t = time
+        self._observe(step)
+        return step
+
+    def _observe(self, step: RungeKuttaStep) -> None:
+        """Pass on the contacts of a step to the controls that look at them."""
+        sliding = self._sliding(step, self.t, self.q, self.v) if self.observed.active else None
+        self.observed.smooth_step(step, self.closed, self.t, self.q, sliding)
+
+    def _sliding(self, step: RungeKuttaStep, t: float, q: Array, v: Array) -> tuple[Array, ContactFriction] | None:
+        """Return the percussions of contacts with friction, those of the forces at a state over a step."""
+        if self.modes is None or not self.closed.size:
+            return None
+        return contact_forces(self.rows, self.modes, (t, q, v), self.closed, step.h)
+
+    def _contacts(self, step: RungeKuttaStep) -> tuple[Contact, ...]:
+        """Return the contacts at the end of a step that is not taken yet."""
+        t = step.t + step.h
+        known = self._sliding(step, t, step.q, step.v)
+        return self.observed.of_smooth_step(step, self.closed, t, step.q, known)()
 
     def _events_advance(self) -> bool:
         """Return False where very many events have followed each other within the length of a step of `Paoli`."""

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 
 import numpy as np
 
+from ...constraints.contact import Contact
 from ...problem import Problem
 from ...system.system import Array
 from ..contact_friction import ContactFriction
@@ -14,6 +16,9 @@ from ..step import Step
 from .contact_rows import SmoothRows
 from .impact_event import ImpactEvent
 from .runge_kutta import RungeKuttaStep, least_percussion
+
+# the contacts of a state, computed where they are asked for
+Contacts = Callable[[], tuple[Contact, ...]]
 
 
 class ContactObserver:
@@ -40,9 +45,13 @@ class ContactObserver:
     def impact(self, event: ImpactEvent) -> ImpactEvent:
         """Pass on an impact; return it."""
         if self._observe is not None:
-            found = event.number, event.rates[0], event.point, event.normal
-            self._observe(partial(contacts_of_rows, *found, 0.0, self._name, event.friction))
+            self._observe(self.of_impact(event))
         return event
+
+    def of_impact(self, event: ImpactEvent) -> Contacts:
+        """Return a function that returns the contacts of an impact."""
+        found = event.number, event.rates[0], event.point, event.normal
+        return partial(contacts_of_rows, *found, 0.0, self._name, event.friction)
 
     def smooth_step(
         self, step: RungeKuttaStep, closed: Array, t: float, q: Array, known: tuple[Array, ContactFriction] | None
@@ -51,11 +60,15 @@ class ContactObserver:
 
         With friction these are `known`, with that of the contacts.
         """
-        if self._observe is None or not step.h > 0.0:
-            return
+        if self._observe is not None and step.h > 0.0:
+            self._observe(self.of_smooth_step(step, closed, t, q, known))
+
+    def of_smooth_step(
+        self, step: RungeKuttaStep, closed: Array, t: float, q: Array, known: tuple[Array, ContactFriction] | None
+    ) -> Contacts:
+        """Return a function that returns what `smooth_step` passes on."""
         if not closed.size:
-            self._observe(tuple)
-            return
+            return tuple
         friction = None
         if known is not None:
             percussion, friction = known
@@ -65,7 +78,7 @@ class ContactObserver:
             J = self._rows.gradients(t, q, closed)
             percussion = step.h * least_percussion(J @ self._metric(q).solve_rows(J).T, J @ (kept - free))
         number, (point, normal) = self._rows.number[closed], self._rows.points(t, q, closed)
-        self._observe(partial(contacts_of_rows, number, percussion, point, normal, step.h, self._name, friction))
+        return partial(contacts_of_rows, number, percussion, point, normal, step.h, self._name, friction)
 
     def step(self, step: Step, h: float) -> None:
         """Pass on a step of `Paoli` of length h."""

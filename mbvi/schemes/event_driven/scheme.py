@@ -6,7 +6,7 @@ from ...errors import UnsuitableError
 from ...problem import Problem
 from ...projection import Projector
 from ..scheme import OwnStepsScheme, refuse_joint_friction
-from .integrator import EventDrivenIntegrator
+from .integrator import EventDrivenIntegrator, Stop
 
 
 class EventDriven(OwnStepsScheme):
@@ -60,6 +60,6 @@ class EventDriven(OwnStepsScheme):
                 "EventDriven does not know walls that move on their own yet: take Paoli or another scheme"
             )
 
-    def integrator(self, problem: Problem, projector: Projector) -> EventDrivenIntegrator:
+    def integrator(self, problem: Problem, projector: Projector, stop: Stop | None = None) -> EventDrivenIntegrator:
         """Return an integrator at the problem's start; raise `UnsuitableError` if there are too many bodies."""
-        return EventDrivenIntegrator(problem, self.tolerance, projector)
+        return EventDrivenIntegrator(problem, self.tolerance, projector, stop)
