@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from functools import partial
 
 from ..arguments import boolean, choice, file_path, integer, optional, positive, shown
-from ..errors import InputError, UnsuitableError
+from ..errors import InputError
 from ..problem import Problem, check_kept
 from ..projection import ChosenSolver, Projector, checked_solver
 from ..results.error_estimate import repeatable
@@ -203,7 +203,10 @@ def simulate(
         )  # fmt: skip
         return repeatable(run, again, settings)
     if isinstance(scheme, Adaptive):
-        run = run_adaptive(problem, scheme, duration, every, projector, notes, out, progress, record is not None)
+        run = run_adaptive(
+            problem, scheme, duration, every, projector, notes, out, progress, record is not None, switching,
+            projector_for,
+        )  # fmt: skip
         return repeatable(run, again, settings)
     assert h is not None and isinstance(scheme, Scheme)
     notes += gain_notes(problem, h)
@@ -292,11 +295,6 @@ def _scheme_and_step(
         return scheme, _DEFAULT_STEP if h is None else h, []
     if h is not None:
         raise InputError(f"{scheme.name} chooses its own steps: leave out step")
-    if switching and isinstance(scheme, Adaptive):
-        raise UnsuitableError(
-            f"{scheme.name} chooses its own steps, and connections are switched between steps of one length: take "
-            "another scheme, such as Centered"
-        )
     return scheme, None, []
 
 

@@ -344,9 +344,6 @@ def test_what_cannot_be_switched_is_refused():
     ):
         with pytest.raises(mbvi.InputError, match=words):
             run_of(problem, switch=lambda state, found=found: found)
-    for scheme in (mbvi.Adaptive(),):
-        with pytest.raises(mbvi.UnsuitableError, match=f"{scheme.name} chooses its own steps, and connections"):
-            mbvi.simulate(problem, scheme, duration=0.1, switch=between(0.02, 0.04))
     with pytest.raises(mbvi.InputError, match="build the problem from a Scene"):
         run_of(mbvi.reference.bouncing_ball(0.5).problem, mbvi.Paoli())
     run = mbvi.simulate(problem, duration=0.06, switch=between(0.02, 0.04), progress=False)

@@ -209,7 +209,7 @@ def connected_at(
 
 
 def switch_connections(
-    problem: Problem, connections: dict[str, bool], t: float, state: Step, scheme: Scheme,
+    problem: Problem, connections: dict[str, bool], t: float, state: Step, scheme: Scheme | OwnStepsScheme,
     projector_for: Callable[[Problem], Projector], recorder: SwitchedRecorder,
 ) -> tuple[Problem, Projector, Step]:  # fmt: skip
     """Return what a run goes on with after connections were switched at a state, the last one recorded, at t [s].

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
@@ -12,22 +12,27 @@ from ...problem import Problem
 from ...projection import Projector
 from ...results.run_data import Array
 from ...results.trajectory import Trajectory
-from ...schemes import Adaptive, Centered
+from ...schemes import Adaptive, Centered, Step
 from ...schemes.adaptive.integrator import Counts, Stride, Strike
 from ...schemes.event_driven.runge_kutta import DEGREE
+from ...schemes.observer import contacts_of_step
+from ...system import System
 from ..accuracy import residual_note
-from ..recorder import Recorder
+from ..fixed_steps.switching import SwitchedRecorder, Switching, switch_connections
 from ..start import initial_step
 from ..tunnelling import TunnellingGuard
+from .located import LocatedSwitches
 from .recorded import recorded
 
 # states for which there is room at first
 _ROOM = 64
+# exponents of the cubics
+_POWERS = np.arange(1, DEGREE + 1)
 # arrays of a recorder that grow
 _COLUMNS = "t", "q", "v", "penetration", "limit_violation", "residual"
 
 
-class _AdaptiveRecorder(Recorder):
+class _AdaptiveRecorder(SwitchedRecorder):
     """States, cubics between them and impacts of a run of `Adaptive`.
 
     A located impact has two states, before and after it. One step in `every` is recorded, and in any case the last one
@@ -65,9 +70,16 @@ class _AdaptiveRecorder(Recorder):
         k, (t, q, v) = self.count, self.last[:3]
         if self.contacts is not None:
             self.contacts.close()
-        self._cubics.append(self._cubic(t, q, v))
+        last = self.count - 1
+        self._cubics.append(_cubic(self.problem.system, t - self.t[last], (self.q[last], self.v[last]), (q, v)))
         self.t[k], self.q[k], self.v[k] = t, q, v
         self.count, self._since = k + 1, 0
+
+    def switched(self, problem: Problem, connections: dict[str, bool], before: Step, after: Step) -> None:
+        """Go on with a problem; see `SwitchedRecorder.switched`."""
+        self._make_room()
+        super().switched(problem, connections, before, after)
+        self._since = 0
 
     def trim(self) -> None:
         """Cut the arrays to the recorded states."""
@@ -83,19 +95,19 @@ class _AdaptiveRecorder(Recorder):
             new[: len(old)] = old
             setattr(self, name, new)
 
-    def _cubic(self, t: float, q: Array, v: Array) -> Array:
-        """Return the cubic of q from the last recorded state to another, with the velocities at both ends, and of v."""
-        system, last, dense = self.problem.system, self.count - 1, np.zeros((2, self.problem.system.nv, DEGREE))
-        h, start = t - self.t[last], self.v[last]
-        if h <= 0.0:
-            return dense
-        displacement = system.difference(self.q[last], q)
-        end, mean = system.chart_rate(self.q[last], displacement, v), displacement / h
-        dense[0, :, :3] = np.stack([start, 3.0 * mean - 2.0 * start - end, start + end - 2.0 * mean], axis=1)
-        # the rate of that cubic; what the chart turns is added evenly
-        dense[1, :, 0] = (2.0 * dense[0, :, 1] + v - end) / h
-        dense[1, :, 1] = 3.0 * dense[0, :, 2] / h
+
+def _cubic(system: System, h: float, begin: tuple[Array, Array], end: tuple[Array, Array]) -> Array:
+    """Return the cubic of q between two states (q, v) a time h apart, with the velocities at both, and of v."""
+    (q0, v0), (q, v), dense = begin, end, np.zeros((2, system.nv, DEGREE))
+    if h <= 0.0:
         return dense
+    displacement = system.difference(q0, q)
+    last, mean = system.chart_rate(q0, displacement, v), displacement / h
+    dense[0, :, :3] = np.stack([v0, 3.0 * mean - 2.0 * v0 - last, v0 + last - 2.0 * mean], axis=1)
+    # the rate of that cubic; what the chart turns is added evenly
+    dense[1, :, 0] = (2.0 * dense[0, :, 1] + v - last) / h
+    dense[1, :, 1] = 3.0 * dense[0, :, 2] / h
+    return dense
 
 
 def run_adaptive(
@@ -108,28 +120,70 @@ def run_adaptive(
     out: str | os.PathLike[str] | None,
     progress: bool | None,
     contacts: bool = False,
+    switching: Switching | None = None,
+    projector_for: Callable[[Problem], Projector] | None = None,
 ) -> Trajectory:
-    """Run a problem with `Adaptive`; see `simulate`."""
+    """Run a problem with `Adaptive`; see `simulate`.
+
+    Where connections are switched, by `switching`, the run goes on with another problem and the projector for it.
+    """
     record = _AdaptiveRecorder(problem, every, notes, contacts)
     state = initial_step(problem, projector)
     record.step(state, True)
-    guard = TunnellingGuard(problem, Centered(project_positions=True), 1.0)
-    observe = guard.observe
-    if observe is not None and state.percussion.any():
-        observe(state, 0.0)
-    so_far = partial(record.trajectory, scheme, 0.0, complete=False)
+    so_far, end = partial(record.trajectory, scheme, 0.0, complete=False), problem.t0 + duration
+    switches, counts = None if switching is None else LocatedSwitches(switching, problem.t0, duration), Counts()
     with recorded(problem, scheme, duration, record, so_far, out, progress) as poll:
-        integrator = scheme.integrator(problem, projector, state, guard.passed)
-        for part in integrator.run(duration):
-            record.add(part)
-            if observe is not None and isinstance(part, Stride):
-                observe(part.second, part.second.t - part.first.t)
-            poll(integrator.t)
-        record.keep()
+        now = problem
+        if switches is not None:
+            switches.at(state.t, state.q, state.v, partial(contacts_of_step, state, 0.0, problem.constraints.name))
+        while True:
+            connections = {} if switches is None else switches.take()
+            if connections:
+                assert switches is not None and projector_for is not None
+                now, projector, state = switch_connections(
+                    now, connections, state.t, state, scheme, projector_for, record
+                )
+                switches.begin(state.t, state.q, state.v)
+            guard = TunnellingGuard(now, Centered(project_positions=True), 1.0)
+            observe = guard.observe
+            if observe is not None and state.percussion.any():
+                observe(state, 0.0)
+            stop = None if switches is None else partial(_stop, switches, now)
+            integrator = scheme.integrator(now, projector, state, guard.passed, stop)
+            integrator.counts = counts
+            for part in integrator.run(end - state.t):
+                record.add(part)
+                if observe is not None and isinstance(part, Stride):
+                    observe(part.second, part.second.t - part.first.t)
+                poll(integrator.t)
+                if switches is not None and switches.found is None and isinstance(part, Strike):
+                    name, at = now.constraints.name, part.step
+                    if switches.at(at.t, at.q, at.v, partial(contacts_of_step, at, 0.0, name)):
+                        break
+            record.keep()
+            counts = integrator.counts
+            if switches is None or switches.found is None:
+                break
+            assert record.last is not None
+            record.t[record.count - 1] = switches.found.time
+            state = record.last._replace(t=switches.found.time)
         record.trim()
-        record.t[-1] = problem.t0 + duration
-        record.notes += _notes(integrator.counts) + residual_note(projector)
+        record.t[-1] = end
+        record.notes += _notes(counts) + residual_note(projector)
     return record.trajectory(scheme, 0.0)
+
+
+def _stop(switches: LocatedSwitches, problem: Problem, stride: Stride) -> float | None:
+    """Return the time within a step at which connections are switched, None if none are."""
+    t0, q0, v0, first, (t, q, v, *_) = stride
+    system, h = problem.system, t - t0
+    dense = _cubic(system, h, (q0, v0), (q, v))
+
+    def at(time: float) -> tuple[Array, Array]:
+        dq, dv = h * (dense @ ((time - t0) / h) ** _POWERS)
+        return system.integrate(q0, dq), v0 + dv
+
+    return switches.along(t0, t, at, partial(contacts_of_step, stride.second, t - first.t, problem.constraints.name))
 
 
 def _notes(counts: Counts) -> list[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +13,7 @@ from ...constraints.rows import take
 from ...errors import DivergedError, ProjectionError
 from ...problem import Problem
 from ...projection import FreeMotion, Projector
+from ...system.system import Array
 from ..step import NO_RATES, Step, law
 from .closed import Near, near_rows, returned
 from .doubling import Doubled, doubled, held
@@ -42,12 +43,21 @@ class Stride(NamedTuple):
 
     Attributes
     ----------
+    t0, q0, v0 : float and ndarray, shapes (nq,) and (nv,)
+        The state before.
     first, second : Step
         Its two halves; `second` ends at the state that the run goes on from.
     """
 
+    t0: float
+    q0: Array
+    v0: Array
     first: Step
     second: Step
+
+
+# see `AdaptiveIntegrator`
+Stop = Callable[[Stride], float | None]
 
 
 class Strike(NamedTuple):
@@ -109,6 +119,8 @@ class AdaptiveIntegrator:
         The initial state.
     passed : callable
         passed(before, after, h) is the part of a step after which a body would pass through another, 1 if none does.
+    stop : callable, optional
+        stop(stride) is the time within a step at which the motion shall end, None if it goes on.
 
     Attributes
     ----------
@@ -118,8 +130,11 @@ class AdaptiveIntegrator:
         What the run has done so far.
     """
 
-    def __init__(self, problem: Problem, tolerance: float, projector: Projector, start: Step, passed: Passed) -> None:
-        self._problem, self._projector, self._passed = problem, projector, passed
+    def __init__(
+        self, problem: Problem, tolerance: float, projector: Projector, start: Step, passed: Passed,
+        stop: Stop | None = None,
+    ) -> None:  # fmt: skip
+        self._problem, self._projector, self._passed, self._stop = problem, projector, passed, stop
         self._measure = Measure(problem, tolerance)
         self._scheme = HoldingCentered(self._measure)
         self.t, self.q, self.v, self.counts = start.t, start.q, start.v, Counts()
@@ -139,7 +154,16 @@ class AdaptiveIntegrator:
             if near.striking:
                 yield self._strike()
                 near = near_rows(self._problem, self._measure, self.t, self.q, self.v)
-            yield self._stride(near, end)
+            before = self.t, self.q, self.v, self._h, self._short, self._hunts, replace(self.counts)
+            stride = self._stride(near, end)
+            time = None if self._stop is None else self._stop(stride)
+            if time is not None:
+                end, self._stop = time, None
+                if time < self.t:
+                    # shorter steps lead there
+                    self.t, self.q, self.v, self._h, self._short, self._hunts, self.counts = before
+                    continue
+            yield stride
 
     def _strike(self) -> Strike:
         """Apply the law where the state is, and put contacts to rest whose rebound is slow."""
@@ -218,7 +242,7 @@ class AdaptiveIntegrator:
         # a step that was cut says little of the next
         self._h = max(grown, self._h) if cut else grown
         self._hunts = cut and self._lands_soon
-        return Stride(found.first, new)
+        return Stride(t, q, v, found.first, new)
 
     def _event(self, verdict: Verdict, near: Near, h: float) -> float | None:
         """Return the time to the landing or the stop of sliding within a step that was not accepted, None without."""

@@ -6,7 +6,7 @@ from ...problem import Problem
 from ...projection import Projector
 from ..scheme import OwnStepsScheme
 from ..step import Step
-from .integrator import AdaptiveIntegrator, Passed
+from .integrator import AdaptiveIntegrator, Passed, Stop
 
 
 class Adaptive(OwnStepsScheme):
@@ -43,6 +43,8 @@ class Adaptive(OwnStepsScheme):
     def __init__(self, tolerance: float = 1e-3) -> None:
         super().__init__(tolerance)
 
-    def integrator(self, problem: Problem, projector: Projector, start: Step, passed: Passed) -> AdaptiveIntegrator:
+    def integrator(
+        self, problem: Problem, projector: Projector, start: Step, passed: Passed, stop: Stop | None = None
+    ) -> AdaptiveIntegrator:
         """Return an integrator at the initial state of a run; see `AdaptiveIntegrator`."""
-        return AdaptiveIntegrator(problem, self.tolerance, projector, start, passed)
+        return AdaptiveIntegrator(problem, self.tolerance, projector, start, passed, stop)

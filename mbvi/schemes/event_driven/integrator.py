@@ -96,7 +96,7 @@ class EventDrivenIntegrator(MotionState):
             if self._stop is not None:
                 time = self._stop(step, partial(self._contacts, step))
                 if time is not None:
-                    yield self._to(time, step, a, end)
+                    yield self._to(time, step, end)
                     return
             event = share < 1.0
             if event:
@@ -123,10 +123,11 @@ class EventDrivenIntegrator(MotionState):
             changed = event or self.closed.size or self.observed.active
             a = self.flow.acceleration(self.t, self.q, self.v, self.closed) if changed else step.a
 
-    def _to(self, time: float, step: RungeKuttaStep, a: Array, end: float) -> RungeKuttaStep:
+    def _to(self, time: float, step: RungeKuttaStep, end: float) -> RungeKuttaStep:
         """Move to a time within a step, where the motion ends; return the step up to there."""
         if time < step.t + step.h:
-            step = self._step_to_event(a, time - step.t, None)
+            # what acts may have changed already: the function that was asked may control the motion too
+            step = self._cut(step, (time - step.t) / step.h, None)
         self._advance(step, end)
         self.t = time
         self._observe(step)
