@@ -77,7 +77,7 @@ class Impact:
 
 @dataclass(frozen=True)
 class Switch:
-    """Connections that were switched between two steps of a run.
+    """Connections that were switched at a state of a run.
 
     Attributes
     ----------
@@ -88,7 +88,8 @@ class Switch:
     q : ndarray, shape (nq,)
         Configuration.
     before, after : ndarray, shape (nv,)
-        Velocity before and after; the recorded one is that after.
+        Velocity before and after; the recorded one is that after. With `EventDriven` contacts that close at it strike
+        afterwards, with a state of their own at the same time.
     problem : Problem or None
         The problem with these connections; None where a file could not bring it back.
     """

@@ -146,8 +146,9 @@ def simulate(
         switch(state) -> {connection: bool}: which connections and couplings of the scene are on from then on; the
         others, and all at None, stay as they are. It is asked at the start and after every step but the last, with
         `state` as `Scene.add_control` gives it. What is switched on holds bodies and joints as they are then; that is
-        an impact, as `Simulator.switch`. Notes of the run say what was switched when. Not for `EventDriven` and
-        `Adaptive`.
+        an impact, as `Simulator.switch`. Notes of the run say what was switched when. `EventDriven` and `Adaptive` ask
+        at least every millisecond, find the first time at which the answer changes, and end a step there; switch must
+        then depend on the state alone. One with a memory switches where it was asked first.
 
     Returns
     -------
@@ -161,7 +162,7 @@ def simulate(
         solver is none of those, record is another word, or switch is no function or returns what is no connection.
     UnsuitableError
         If the scheme cannot run the problem: `EventDriven` with moving walls or too many bodies. If a depth is given to
-        another scheme than `StewartTrinkle`, or switch to one that chooses its own steps.
+        another scheme than `StewartTrinkle`.
     TrajectoryFileError
         If `out` cannot be written: before the first step, or when the disk is full; `out` then keeps the states written
         before. A file is read back and compared with the run before it is marked complete.
