@@ -390,3 +390,53 @@ def test_an_error_of_the_function_carries_the_run_so_far(scheme):
     run = caught.value.run
     assert not run.complete and 0.01 <= run.t[-1] <= 0.03
     assert [one.time for one in run.record.switches] == [0.01]
+
+
+@every_scheme
+def test_a_suction_cup_that_also_controls_holds_what_it_touches(scheme):
+    """The function and the force are of one object with a memory: the cup comes down, touches, holds and lifts."""
+
+    class Gripper:
+        holds = False
+
+        def force(self, t, q, v):
+            goal = 0.3 if self.holds else 0.1
+            return [0, 0, 9.81 * (0.2 + 0.1 * self.holds) + 20.0 * (goal - q[2]) - 4.0 * v[2], 0, 0, 0]
+
+        def grasp(self, state):
+            names = {contact.name for contact in state.contacts}
+            self.holds = self.holds or any({"cup", "load"} <= set(name.split(" | ")) for name in names)
+            return {"suction": self.holds}
+
+    scene, gripper = mbvi.Scene(), Gripper()
+    scene.add_halfspace((0, 0, 1), name="floor")
+    scene.add_box((0.1, 0.1, 0.1), 0.1, position=(0, 0, 0.05), name="load")
+    scene.add_box((0.05, 0.05, 0.02), 0.2, position=(0, 0, 0.2), name="cup")
+    scene.add_force("cup", gripper.force)
+    scene.weld("cup", "load", name="suction", active=False)
+    run = run_of(scene.build(), gripper.grasp, 2.0, scheme)
+    (made,) = run.record.switches
+    assert made.q[9] == pytest.approx(0.11, abs=scheme.tolerance)
+    first = run.impacts[0]
+    assert "load | cup" in first.constraints
+    assert made.time == first.time
+    # 0.3 kg on a spring of 20 N/m with a damper of 4 N s/m
+    assert run.q[-1, 9] == pytest.approx(0.3, abs=1e-3)
+    held = slice(states_at_switches(run)[0], None)
+    np.testing.assert_allclose(run.q[held, 9] - run.q[held, 2], made.q[9] - made.q[2], atol=1e-11)
+
+
+def test_a_switch_within_steps_of_paoli_comes_at_the_end_of_one():
+    """A cylinder stands on a box, where gradients jump."""
+    scene = mbvi.Scene()
+    scene.add_halfspace((0, 0, 1), name="floor")
+    scene.add_box((0.6, 0.6, 0.2), 4.0, position=(0, 0, 0.1), name="table")
+    scene.add_cylinder(0.1, 0.3, 1.0, position=(0, 0, 0.35), name="can")
+    scene.add_box((0.1, 0.1, 0.1), 0.5, position=(0, 0, 1.0), name="load")
+    scene.weld("can", "load", name="grasp", active=False)
+    run = run_of(scene.build(), between(0.0203, 1.0), 0.03)
+    assert any("were taken by the paper's scheme" in note for note in run.notes)
+    (made,) = run.record.switches
+    assert 0.0203 <= made.time <= 0.0204 + 1e-12
+    down = -0.5 * 9.81 * made.time / 1.5
+    np.testing.assert_allclose(made.after[[8, 14]], down, atol=1e-3)
