@@ -18,7 +18,7 @@ from mbvi.compiled import Kernel, all_kernels, call_address, calling_others, hel
 from mbvi.constraints import HalfSpaceContacts
 from mbvi.projection import Projector
 from support.kernel_arguments import ARGUMENTS, IF_ACCEPTED, accepted, arguments, equal, seeds, specified
-from support.loop_arguments import arrays_of, replaced
+from support.loop_arguments import arrays_of, replaced, typed_once
 from support.paths import ROBOTS
 from support.plain import PLAIN
 from support.robot_problems import path_of, problem_of
@@ -55,6 +55,7 @@ def test_a_kernel_equals_its_plain_form(item):
 
 
 @pytest.mark.parametrize("item", KERNELS, ids=lambda item: item.__name__)
+@typed_once()
 def test_a_kernel_refuses_other_arrays_than_it_was_made_for(item):
     """Other numbers, gaps between them, another order, and read-only memory where it writes."""
     refused, types, given = 0, item.compiled().nopython_signatures[0].args, arguments(item, 0)

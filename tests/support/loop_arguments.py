@@ -7,11 +7,13 @@ hold addresses, so that they cannot be copied: arguments that are wanted twice a
 import ctypes
 import pickle
 import warnings
+from contextlib import contextmanager
 from functools import cache, wraps
 from types import FunctionType
 
 import numpy as np
 import pytest
+from numba.extending import typeof_impl
 
 import mbvi
 from mbvi.compiled import Kernel, records
@@ -63,6 +65,26 @@ def hold_once(hold):
     return held
 
 
+@contextmanager
+def typed_once():
+    """Find the type of each record once: the interpreter gives the same ones, of hundreds of arrays, to many calls."""
+    known = {}
+
+    def type_of(record, context):
+        if id(record) not in known:
+            known[id(record)] = record, records._type_of(record, context)
+        return known[id(record)][1]
+
+    before = {kind: typeof_impl.registry[kind] for kind in records._known}
+    for kind in before:
+        typeof_impl.register(kind, type_of)
+    try:
+        yield
+    finally:
+        for kind, of_kind in before.items():
+            typeof_impl.register(kind, of_kind)
+
+
 def arguments_of_call(number, wanted, problem, scheme):
     """Return the arguments of the call with a number, counted from 0, of a kernel within a run."""
     left = number
@@ -75,7 +97,12 @@ def arguments_of_call(number, wanted, problem, scheme):
         return item(*arguments)
 
     item = next(one for one in LOOP_KERNELS if one.__name__ == wanted)
-    with pytest.MonkeyPatch.context() as patched, warnings.catch_warnings(), pytest.raises(_Caught) as caught:
+    with (
+        pytest.MonkeyPatch.context() as patched,
+        warnings.catch_warnings(),
+        typed_once(),
+        pytest.raises(_Caught) as caught,
+    ):
         warnings.simplefilter("ignore", mbvi.MbviWarning)
         patched.setattr(compiled_loop, "held", lambda record: record)
         patched.setattr(records, "hold", hold_once(records.hold))
