@@ -15,12 +15,14 @@ from ...system import System
 from ...system.given import not_finite, short
 from ..family import ConstraintFamily
 from ..finite_differences import Slopes, directions_along, random_directions, slopes
-from ..rows import NO_POINT, Array, Constraint, Rows
+from ..rows import Array, Constraint, Rows
 from ..tangents import Tangents, none_of
 from .gap_function import GapFunction
 
 # a gradient may differ from differences of f by this part of its entry, and by this part of its largest entry
 _DIFFERENT, _SMALL = 1e-3, 1e-5
+# the active rows of a constraint of one row; nobody writes to them
+_ONE, _NONE = np.zeros(1, np.int64), np.zeros(0, np.int64)
 # entries of a gradient below this part of the largest may have either sign
 _SIGNIFICANT = 1e-3
 # largest nv at which a gradient is checked entry by entry; beyond it is checked along some random directions
@@ -166,7 +168,8 @@ class GivenConstraint(ConstraintFamily):
     def contacts(self, t: float, q: Array, tolerance: float) -> Rows | None:
         """Return the rows within the tolerance, or None; errors as of `gap`."""
         gap = self.gap(t, q)
-        index = (gap <= tolerance).nonzero()[0]
+        # one row is the usual case: to compare and search by numpy would take microseconds
+        index = (gap <= tolerance).nonzero()[0] if gap.size != 1 else _ONE if gap.item() <= tolerance else _NONE
         if not index.size:
             self._were_active = False
             return None
@@ -177,9 +180,10 @@ class GivenConstraint(ConstraintFamily):
             rate = rate[index]
             if not np.isfinite(rate).all():
                 raise not_finite(f"df/dt of {self._name_of(int(index[0]))}", rate, t, q)
-        e = np.full(index.size, self.restitution) if self.restitution.ndim == 0 else self.restitution[index]
-        nowhere = np.tile(NO_POINT, (index.size, 1))
-        return Rows(index, gap[index], plain_array(gradient[index]), e, nowhere, nowhere, rate)
+        e, nowhere = np.empty(index.size), np.empty((index.size, 3))
+        e[:] = self.restitution if self.restitution.ndim == 0 else self.restitution[index]
+        nowhere[:] = np.nan
+        return Rows(index, gap[index], plain_array(gradient.take(index, 0)), e, nowhere, nowhere, rate)
 
     def tangents(self, t: float, q: Array, rows: Rows, friction: Array) -> Tangents:
         """Return the tangents of some rows, as the user's object gives them; errors as of `gap`."""
