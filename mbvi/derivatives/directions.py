@@ -11,9 +11,9 @@ from ..errors import InputError
 from ..problem import Problem
 from ..system.mechanisms.articulated import ArticulatedSystem
 from ..system.system import Array, System, located_parts
-from .inertial import Regressor
-from .parameter import Parameter
-from .parameters import FORMS, Parameters, parameter
+from .parameters.inertial import Regressor
+from .parameters.parameter import Parameter
+from .parameters.parameters import FORMS, Parameters, parameter
 
 # the first two names of `wrt`, and what the name of a constraint follows
 _STATE, _RESTITUTION, _OF = "state", "restitution", "restitution of "

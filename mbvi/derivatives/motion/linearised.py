@@ -14,7 +14,7 @@ from ...schemes.event_driven.runge_kutta import Flow, RungeKuttaStep, least_perc
 from ...system.lengths import velocity_units
 from ...system.mechanisms.articulated import ArticulatedSystem
 from ...system.system import Array, System, located_parts
-from ..parameters import Parameters
+from ..parameters.parameters import Parameters
 from .accelerations import Accelerations
 from .differences import STEP, along
 from .friction import ChosenModes, FrictionDerivatives

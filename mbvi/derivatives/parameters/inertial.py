@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from ..system.mechanisms.articulated import ArticulatedSystem
-from ..system.system import Array, Part
+from ...system.mechanisms.articulated import ArticulatedSystem
+from ...system.system import Array, Part
 from .parameter import Parameter, replaced_bodies, replaced_mechanism
 
 # what names of these parameters begin with

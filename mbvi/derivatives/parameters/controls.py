@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from ..problem import Problem
-from ..system.controls import PDControl
-from ..system.mechanisms.articulated import ArticulatedSystem
-from ..system.system import Array, Part
-from .motion.tracking import Tracking
+from ...problem import Problem
+from ...system.controls import PDControl
+from ...system.mechanisms.articulated import ArticulatedSystem
+from ...system.system import Array, Part
+from ..motion.tracking import Tracking
 from .parameter import ACCELERATION, Parameter, replaced_mechanism
 
 # what names of these parameters begin with

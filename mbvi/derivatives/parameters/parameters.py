@@ -10,16 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from ..arguments import shown
-from ..constraints import GapFunction
-from ..constraints.families.given import named_gap_functions
-from ..errors import InputError
-from ..geometry.shapes.shapes import HalfSpace
-from ..problem import Problem
-from ..system import System
-from ..system.free.bodies import FreeBodies, Spheres
-from ..system.mechanisms.articulated import ArticulatedSystem
-from ..system.system import Array, Part, located_parts
+from ...arguments import shown
+from ...constraints import GapFunction
+from ...constraints.families.given import named_gap_functions
+from ...errors import InputError
+from ...geometry.shapes.shapes import HalfSpace
+from ...problem import Problem
+from ...system import System
+from ...system.free.bodies import FreeBodies, Spheres
+from ...system.mechanisms.articulated import ArticulatedSystem
+from ...system.system import Array, Part, located_parts
 from .controls import OF_CONTROL, OF_TORQUE, Gain, Torque, has_gain
 from .inertial import OF_CENTRE, OF_INERTIA, OF_MASS, BodyInertia, LinkInertia, Regressor
 from .parameter import ACCELERATION, Parameter, gravitation, with_gravity

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from ..system.free.bodies import FreeBodies, Spheres
-from ..system.free.planar import PlanarBodies, PlanarSpheres
-from ..system.mechanisms.articulated import ArticulatedSystem
-from ..system.system import Array, System
+from ...system.free.bodies import FreeBodies, Spheres
+from ...system.free.planar import PlanarBodies, PlanarSpheres
+from ...system.mechanisms.articulated import ArticulatedSystem
+from ...system.system import Array, System
 
 # what the size of a torque and of gravity accelerates by [lengths of the scene, or radians, per s^2]
 ACCELERATION = 10.0

@@ -1,0 +1,1 @@
+"""The parameters by which a run is differentiated."""
