@@ -77,7 +77,8 @@ def change_contacts(state: MotionState, touching: Array) -> Iterator[ImpactEvent
     still = certain_rates(J, state.v, state.slow(touching))
     if (before < -still).any():
         if state.modes is not None:
-            yield state.observed.impact(changes.strike(state, touching, metric))
+            rows = state.rows.rows(state.t, state.q, touching)
+            yield state.observed.impact(changes.strike(state, rows, metric))
         else:
             yield state.observed.impact(_impact(state, touching, was_closed, J, metric, still))
     rest = _resting(state, touching, J, metric, e, still)

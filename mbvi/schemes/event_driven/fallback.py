@@ -16,6 +16,7 @@ from ..paoli import Paoli
 from ..step import closes, still_rates
 from .contact_changes import change_contacts, touching_rows
 from .few_rows import few_rows
+from .friction.changes import strike
 from .impact_event import ImpactEvent
 from .motion_state import NO_ROWS, MotionState, certain_rates
 from .runge_kutta import DEGREE, RungeKuttaStep
@@ -32,7 +33,10 @@ def bounce(state: MotionState) -> Generator[RungeKuttaStep | ImpactEvent, None, 
     active = state.problem.constraints.active(state.t, q, state.problem.tolerance)
     number, _, J, e, point, normal, *_ = active
     before = J @ v
-    if (before < -certain_rates(J, v, state.slow_constraints(number))).any():
+    closing = (before < -certain_rates(J, v, state.slow_constraints(number))).any()
+    if closing and state.modes is not None:
+        yield state.observed.impact(strike(state, active, state.system.metric(q)))
+    elif closing:
         state.v, rates, state.residual = state.projector.law(v, FreeMotion(v, state.system.metric(q)), J, e)
         rates = np.array([rates[0], before, J @ state.v])
         yield state.observed.impact(ImpactEvent(state.t, q, v, state.v, number, rates, point, normal))

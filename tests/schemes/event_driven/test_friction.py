@@ -201,3 +201,17 @@ def test_what_is_not_known_is_refused_by_name():
     scene.add_sphere(0.1, 1.0, position=(0, 0, 0.1))
     with pytest.raises(mbvi.UnsuitableError, match="torsional"):
         mbvi.simulate(scene.build(), mbvi.EventDriven(), duration=0.1)
+
+
+def test_impacts_where_gradients_jump_have_friction():
+    """A cylinder falls onto a box while it moves sideways: its rim has no smooth gradient there."""
+    scene = mbvi.Scene(friction=0.4, restitution=0.2)
+    scene.add_box((0.4, 0.4, 0.2), mass=2, position=(0, 0, 0.2), name="box")
+    scene.add_cylinder(radius=0.1, length=0.2, mass=1, position=(0, 0, 0.41), velocity=(0.3, 0, -1), name="can")
+    run = mbvi.simulate(scene.build(), mbvi.EventDriven(1e-6), duration=0.015)
+    first = run.impacts[0]
+    pull = np.linalg.norm(first.tangential, axis=1)
+    assert set(first.regime) <= {"stick", "slip"} and pull.max() > 0.01
+    assert (pull <= 0.4 * first.percussion * (1 + 1e-6)).all()
+    # it takes from the sideways motion
+    assert run.v[-1, 6] < 0.29

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ....constraints.rows import Rows
 from ....projection import FreeMotion, Metric
 from ....system.system import Array
 from ...contact_friction import friction_of
@@ -20,9 +21,9 @@ from .modes import STILL, ContactModes
 _STILL = 1e-10
 
 
-def strike(state: MotionState, touching: Array, metric: Metric) -> ImpactEvent:
-    """Apply the law (8) with Coulomb's law to the touching rows."""
-    v, rows = state.v, state.rows.rows(state.t, state.q, touching)
+def strike(state: MotionState, rows: Rows, metric: Metric) -> ImpactEvent:
+    """Apply the law (8) with Coulomb's law to rows that touch."""
+    v = state.v
     applied = law(state.projector, v, FreeMotion(v, metric), rows)
     state.v, state.residual, state.impact_time = applied.velocity, applied.residual, state.t
     used, rates = applied.rows, applied.rates[[0, 3, 2]]
