@@ -293,6 +293,16 @@ def test_what_has_no_derivative_on_any_side_is_refused():
     refused(scene.build(), "lifts off between impacts", duration=0.35)
 
 
+def test_an_order_that_rounding_decides_is_refused():
+    """One wall is nearer by less than what tells two impacts from one: a run takes them one after the other."""
+    normals, velocity = wedge(110.0), np.array([-0.4, -1.0])
+    near, apart = (points(np.ones(2), normals, -velocity - d * normals[1], velocity, 0.5) for d in (3e-13, 1e-11))
+    for one_sided in (False, True):
+        with pytest.raises(mbvi.SensitivityError, match="two impacts at one instant"):
+            mbvi.sensitivity(near, SCHEME, duration=2.0, one_sided=one_sided)
+    agrees(mbvi.sensitivity(apart, SCHEME, duration=2.0).matrix, reflected(normals, [1, 0], 0.5, 2.0))
+
+
 @pytest.mark.slow(seconds=6)
 def test_more_than_64_orders_are_refused():
     v = np.array([1.0, 0.5, 0.1, -0.3, -0.9])
