@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import NoReturn
 
 import numpy as np
@@ -13,7 +12,8 @@ from ..schemes.event_driven.motion_state import certain_rates
 from ..schemes.event_driven.runge_kutta import least_percussion
 from ..system.system import Array
 from .directions import Directions
-from .motion.friction import ChosenModes, Percussions
+from .located_impact import ImpactFriction, LocatedImpact
+from .motion.friction import Percussions
 from .motion.linearised import Linearised, LinearLaw
 
 # cosines of kinetic angles below this count as zero, and above one less this as one
@@ -29,61 +29,6 @@ _EDGE = 1e-7
 _PRESSED = 1e-6
 
 Refuse = Callable[[str, Array, float], NoReturn]
-
-
-@dataclass(frozen=True)
-class ImpactFriction:
-    """Friction in an impact and around it.
-
-    Attributes
-    ----------
-    before, after : ChosenModes
-        Modes of the closed contacts before the impact, and when the motion goes on.
-    tangential : ndarray, shape (k, 3)
-        Percussions of the rows along their tangents, in the world.
-    sticks : ndarray of bool, shape (k,)
-        Which rows stick in the impact.
-    restitution : ndarray, shape (k,)
-        e that the law was applied with.
-    """
-
-    before: ChosenModes
-    after: ChosenModes
-    tangential: Array
-    sticks: Array
-    restitution: Array
-
-
-@dataclass(frozen=True)
-class LocatedImpact:
-    """An impact with the contacts around it.
-
-    Attributes
-    ----------
-    t, q : float and ndarray, shape (nq,)
-        Time [s] and configuration.
-    before, after : ndarray, shape (nv,)
-        Velocity before the impact, and when the motion goes on.
-    rows : ndarray of int, shape (k,)
-        The rows that touch.
-    percussion : ndarray, shape (k,)
-        Of each.
-    closed_before, held_before, closed_after : ndarray of int
-        Rows that were kept closed, rows that those held, and rows that are kept closed when the motion goes on.
-    friction : ImpactFriction or None
-        None in problems without friction.
-    """
-
-    t: float
-    q: Array
-    before: Array
-    after: Array
-    rows: Array
-    percussion: Array
-    closed_before: Array
-    held_before: Array
-    closed_after: Array
-    friction: ImpactFriction | None = None
 
 
 class Saltation:

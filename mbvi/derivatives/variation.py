@@ -18,7 +18,8 @@ from ..schemes.event_driven.runge_kutta import RungeKuttaStep
 from ..system.system import Array
 from .directions import Directions
 from .fixed_steps import LocatedSteps
-from .impacts import ImpactFriction, LocatedImpact, Saltation
+from .impacts import Saltation
+from .located_impact import ImpactFriction, LocatedImpact
 from .motion.friction import ChosenModes
 from .motion.linear_steps import LinearMethod, LinearSteps
 from .motion.linearised import Linearised
