@@ -14,7 +14,8 @@ from ..system.system import Array
 from .directions import Directions
 from .located_impact import ImpactFriction, LocatedImpact
 from .motion.friction import Percussions
-from .motion.linearised import Linearised, LinearLaw
+from .motion.linear_law import LinearLaw
+from .motion.linearised import Linearised
 
 # cosines of kinetic angles below this count as zero, and above one less this as one
 _COSINE = 1e-9

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from ...schemes.event_driven.contact_rows import SmoothRows
 from ...schemes.event_driven.friction.modes import ContactModes, rows_of_modes
 from ...schemes.event_driven.runge_kutta import DEPENDENT, RungeKuttaStep
-from ...system.system import Array
+from ...system.system import Array, System
+from ..parameters.parameters import Parameters
 from .differences import along
+from .linear_law import LinearLaw
 from .point_rows import PointRows
 
 # a slip begins or stops in a step in which it changes by more than the inverse of this
@@ -20,8 +23,22 @@ _TURN, _MOST_TURNS, _TURNED = 1e-3, 30, 1e-13
 # it takes from variations is taken at the stop
 _SHORT = 1e-7
 
-if TYPE_CHECKING:
-    from .linearised import Linearised, LinearLaw
+
+class Smooth(Protocol):
+    """What is known without friction, as `Linearised` has it."""
+
+    parameters: Parameters
+    system: System
+    rows: SmoothRows
+
+    def rows_by_q(self, t: float, q: Array, v: Array, index: Array) -> tuple[Array, Array]:
+        """Return the derivatives by q of gradients of rows, and of their bias."""
+
+    def at_constant_force(self, t: float, q: Array, v: Array, a: Array, force: Array) -> Array:
+        """Return the derivative of the acceleration a under a constant generalised force."""
+
+    def momenta(self, q: Array, w: Array) -> Array:
+        """Return the derivative of M w by q at a constant w."""
 
 
 class ChosenModes(NamedTuple):
@@ -56,8 +73,8 @@ class FrictionDerivatives:
 
     Parameters
     ----------
-    linear : Linearised
-        What it belongs to.
+    linear : Smooth
+        What is known without friction.
     modes : ContactModes
         Receives the modes in which the contacts are.
     steps : ndarray, shape (nv,)
@@ -66,7 +83,7 @@ class FrictionDerivatives:
         Derivatives of the coefficient of friction of each constraint by the parameters.
     """
 
-    def __init__(self, linear: Linearised, modes: ContactModes, steps: Array, frictions: Array) -> None:
+    def __init__(self, linear: Smooth, modes: ContactModes, steps: Array, frictions: Array) -> None:
         self._linear, self.modes, self._steps, self._frictions = linear, modes, steps, frictions
         self._held = np.zeros(0, bool)
         self._points = PointRows(linear.system)
@@ -126,8 +143,6 @@ class FrictionDerivatives:
 
         Arguments are those of `Linearised.law`, and the impact on the rows.
         """
-        from .linearised import LinearLaw
-
         linear, n, k = self._linear, len(v), len(rows)
         J, metric = linear.rows.gradients(t, q, rows), linear.system.metric(q)
         tangents = linear.rows.tangents(t, q, rows)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from ...problem import Problem
@@ -18,32 +16,11 @@ from ..parameters.parameters import Parameters
 from .accelerations import Accelerations
 from .differences import STEP, along
 from .friction import ChosenModes, FrictionDerivatives
+from .linear_law import LinearLaw
 from .point_rows import PointRows
 
 # singular values of a Delassus matrix below this part of the largest count as zero
 _DEPENDENT = 1e-10
-
-
-class LinearLaw(NamedTuple):
-    """The law of an impact on some rows, and its derivatives.
-
-    Attributes
-    ----------
-    after : ndarray, shape (nv,)
-        The velocity after it.
-    by_q, by_v : ndarray, shape (nv, nv)
-        Its derivatives by configuration and velocity before.
-    by_e : ndarray, shape (nv, k)
-        Its derivative by the restitution of each row.
-    by_p : ndarray, shape (nv, m)
-        Its derivatives by the parameters.
-    """
-
-    after: Array
-    by_q: Array
-    by_v: Array
-    by_e: Array
-    by_p: Array
 
 
 class Linearised:
