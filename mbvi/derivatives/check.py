@@ -19,6 +19,8 @@ from .variation import LEAST
 
 # tolerance of the runs that are compared
 _TOLERANCE = 1e-12
+# size of a column, relative to the largest, that counts as none
+_ROUNDING = 1e-9
 # lengths of differences in the order they are tried, and the relative error estimate that is good enough
 _LENGTHS, _GOOD = (1e-5, 1e-6, 1e-4), 1e-8
 
@@ -96,7 +98,8 @@ class VariedRuns:
         # e < 0 is no restitution, so that all of them grow
         chosen = np.where(np.any(self.varied.by_e, axis=0)[:, None], np.abs(chosen), chosen)
         # a unit variation of each column has the size of a length of the scene or a radian
-        chosen /= np.where(size > 0.0, size, 1.0)[:, None] * np.sqrt(len(chosen))
+        # of a column that would open a contact or a loop rounding alone is left
+        chosen /= np.where(size > _ROUNDING * size.max(), size, 1.0)[:, None] * np.sqrt(len(chosen))
         derivative = matrix @ chosen
         found = [self._difference(direction, units) for direction in chosen.T]
         differences = np.array([one for one, _ in found]).T
@@ -148,7 +151,8 @@ class VariedRuns:
         problem, n = self.problem, self.problem.system.nv
         dx, columns = self.start @ change, self.varied
         varied = columns.parameters.varied(problem, columns.by_p @ (change / columns.sizes))
-        varied = varied.at(problem.system.integrate(problem.q0, dx[:n]), problem.v0 + dx[n:], problem.t0)
+        q = problem.system.integrate(problem.q0, dx[:n])
+        varied = varied.at(q, problem.system.tangent(q, problem.v0 + dx[n:]), problem.t0)
         varied.constraints.renew()
         integrator = EventDriven(_TOLERANCE).integrator(varied, Projector())
         integrator.rows.restitution = integrator.rows.restitution + (columns.by_e @ change)[integrator.rows.number]

@@ -18,10 +18,12 @@ from ..run.interrupted import run_so_far
 from ..run.own_steps.event_loop import run_event_driven
 from ..run.simulate import check_problem, simulate
 from ..schemes import Centered, EventDriven, MoreauJean, OwnStepsScheme, Paoli, Scheme, StewartTrinkle
-from ..system.system import Array, located_parts
+from ..system.hinged import HingedSystem
+from ..system.system import Array
 from .check import SensitivityCheck, VariedRuns
 from .directions import Directions, directions
 from .fixed_steps import LocatedSteps
+from .motion.accelerations import has_equalities
 from .one_sided import OneSidedSensitivity, Part, branches
 from .orders import Branching
 from .variation import Variation
@@ -171,7 +173,8 @@ def sensitivity(
         run that starts or ends at an impact; by parameters also closed contacts that carry no force; a torque of
         a `PDControl` that stays exactly at its limit. With friction several impacts at once, and impacts that are
         about to stick or to slip. Where mbvi does not know it: another scheme, friction along fixed steps or of joints,
-        loops and coupled joints, controls of the whole scene, polyhedra that touch each other.
+        loops and coupled joints along fixed steps or with friction, closing hinges with forces, controls of the whole
+        scene, polyhedra that touch each other.
         With one_sided: friction; orders of impacts in which a row grazes, or a force opens a contact between two
         impacts; more than 20 single impacts that follow each other at once, or 64 branches; columns that keep them
         simultaneous.
@@ -183,8 +186,8 @@ def sensitivity(
     Notes
     -----
     Variations follow the linearised motion; at an impact they follow the saltation matrix, at a release the identity.
-    Contacts that are closed stay closed: with some at the start the derivative is that along the variations which keep
-    them closed. Functions of the user, forces and controls of robots, must be smooth functions of (t, q, v).
+    Contacts that are closed stay closed, as loops do: with some at the start the derivative is that along the
+    variations which keep them closed. A contact with friction that does not slip at the start is varied so too. Functions of the user, forces and controls of robots, must be smooth functions of (t, q, v).
     """
     if boolean(one_sided, "one_sided"):
         if scheme is not None and not isinstance(scheme, EventDriven):
@@ -272,8 +275,14 @@ def _checked(problem: Problem, scheme: Scheme | OwnStepsScheme) -> Scheme | Even
         reason = f"there is friction, whose derivatives mbvi knows along runs of EventDriven only, not of {scheme.name}"
     elif system.has_joint_friction:
         reason = "joints have friction, whose derivatives mbvi does not know yet"
-    elif system.equalities or any(part.system.equalities for part in located_parts(system)):
-        reason = "there are loops or coupled joints, whose derivatives mbvi does not know yet"
+    elif has_equalities(system) and not isinstance(scheme, EventDriven):
+        reason = (
+            f"there are loops or coupled joints, whose derivatives mbvi knows of EventDriven only, not of {scheme.name}"
+        )
+    elif has_equalities(system) and problem.constraints.frictional:
+        reason = "there are loops or coupled joints and friction, whose derivatives mbvi does not know yet"
+    elif isinstance(system, HingedSystem):
+        reason = "closing hinges have forces, whose derivatives mbvi does not know yet"
     elif system.observe is not None:
         reason = "a control of the whole scene may react to contacts, which has no derivative"
     if reason:

@@ -75,7 +75,9 @@ class _ConstraintBuilder:
         still = {name: wall for name, wall in self.walls.items() if wall.motion is None}
         yield from self._at_walls(system, still, single)
         yield from self._at_surfaces(system, [s for s in items.surfaces if s.motion is None], moving)
-        some_excluded, others = not self._without_exclusion, len(self.shapes) - len(self.spheres)
+        # of one sphere all pairs are listed
+        some_excluded = not self._without_exclusion and len(self.spheres) > 1
+        others = len(self.shapes) - len(self.spheres)
         if others > _FEW_SHAPES or (bulk and others) or some_excluded:
             yield from self._crowd(system)
             pairs = []

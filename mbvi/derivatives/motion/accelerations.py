@@ -32,7 +32,7 @@ class Accelerations:
     Parameters
     ----------
     system : System
-        A system without equalities.
+        The system. Where it has equalities, derivatives hold along variations that keep them.
     steps : ndarray, shape (nv,)
         Lengths of differences along each velocity; see `along`.
     """
@@ -44,10 +44,13 @@ class Accelerations:
             (part, _jacobian(part, steps[_columns(part)], part.v in self._tracking)) for part in located_parts(system)
         ]
         self._momenta = [(part, _momenta(part.system, steps[_columns(part)])) for part, _ in self._parts]
+        self._held = has_equalities(system)
 
     def jacobian(self, t: float, q: Array, v: Array, force: Array) -> Array:
         """Return the derivative of M^-1 (g + force) by (q, v) at a constant generalised force, shape (nv, 2 nv)."""
         n, system = len(v), self._system
+        if self._held:
+            return _of_any(system, self._steps, t, q, v, force)
         out = np.zeros((n, 2 * n))
         if isinstance(system, ActuatedSystem):
             loads = along_both(partial(_loaded, system, t), system, q, v, self._steps)
@@ -78,6 +81,11 @@ class Accelerations:
             own = _columns(part)
             out[own, own] = momenta(q[part.q : part.q + part.system.nq], w[own])
         return out
+
+
+def has_equalities(system: System) -> bool:
+    """Return whether a system or a part of it has loops or coupled joints."""
+    return bool(system.equalities) or any(part.system.equalities for part in located_parts(system))
 
 
 def _columns(part: Part) -> slice:

@@ -13,8 +13,8 @@ from ...system.lengths import velocity_units
 from ...system.mechanisms.articulated import ArticulatedSystem
 from ...system.system import Array, System, located_parts
 from ..parameters.parameters import Parameters
-from .accelerations import Accelerations
-from .differences import STEP, along
+from .accelerations import Accelerations, has_equalities
+from .differences import STEP, along, along_both
 from .friction import ChosenModes, FrictionDerivatives
 from .linear_law import LinearLaw
 from .point_rows import PointRows
@@ -63,10 +63,21 @@ class Linearised:
         # dq/dt = v, and the rest of A
         self._empty = np.zeros((2 * n, 2 * n + parameters.count))
         self._empty[:n, n : 2 * n] = np.eye(n)
+        self._keeps = has_equalities(self.system)
 
     def kinks(self, step: RungeKuttaStep) -> list[float]:
         """Return the shares of a step, ascending, at which A jumps."""
         return self._free.kinks(step)
+
+    def _keeping(self, q: Array, v: Array) -> Array:
+        """Return the projection of variations onto those that keep the equalities, shape (2 nv, 2 nv)."""
+        n = len(v)
+        P = np.eye(2 * n)
+        if self._keeps:
+            P[:n, :n] = np.stack([self.system.tangent(q, one) for one in np.eye(n)], axis=1)
+            by_q = along(lambda dq: self.system.tangent(self.system.integrate(q, dq), v), self._steps)
+            P[n:, :n], P[n:, n:] = by_q @ P[:n, :n], P[:n, :n]
+        return P
 
     def choose(self, modes: ChosenModes | None) -> None:
         """Set the modes of closed contacts with friction."""
@@ -151,6 +162,8 @@ class Linearised:
         e : ndarray, shape (k,)
             Their restitution.
         """
+        if self._keeps:
+            return self._held_law(t, q, v, rows, hit, e)
         factor = np.where(hit, 1.0 + e, 1.0)
         J, metric = self.rows.gradients(t, q, rows), self.system.metric(q)
         W = metric.solve_rows(J)
@@ -167,6 +180,25 @@ class Linearised:
         # gradients and the rates after the impact do not depend on parameters
         by_p = (onto - share @ J) @ self.parameters.jumps(q, jump)
         return LinearLaw(v + jump, by_q, onto - share @ (factor[:, None] * J), -share * (hit * rates), by_p)
+
+    def _held_law(self, t: float, q: Array, v: Array, rows: Array, hit: Array, e: Array) -> LinearLaw:
+        """Return `law` of a system with equalities, along variations that keep them, by differences."""
+        factor = np.where(hit, 1.0 + e, 1.0)
+
+        def share(q: Array) -> tuple[Array, Array]:
+            J = self.rows.gradients(t, q, rows)
+            W = self.system.metric(q).solve_rows(J)
+            return J, W.T @ np.linalg.pinv(J @ W.T, rcond=_DEPENDENT, hermitian=True)
+
+        def after(q: Array, v: Array) -> Array:
+            J, inverse = share(q)
+            return v - inverse @ (factor * (J @ v))
+
+        J, inverse = share(q)
+        both, jump = along_both(after, self.system, q, v, self._steps), after(q, v) - v
+        by_p = (np.eye(len(v)) - inverse @ J) @ self.parameters.jumps(q, jump)
+        by_q, by_v = np.hsplit(both, 2)
+        return LinearLaw(v + jump, by_q, by_v, -inverse * (hit * (J @ v)), by_p)
 
     def tangents(
         self, t: float, q: Array, v: Array, closed: Array, gaps: Array, starts: bool = True
@@ -191,9 +223,9 @@ class Linearised:
         ndarray, shape (2 nv, p)
             The least ones that make up for the variations of the gaps.
         """
-        n = len(v)
+        n, kept = len(v), self._keeping(q, v)
         if not closed.size:
-            return np.eye(2 * n), np.zeros((2 * n, gaps.shape[1]))
+            return kept, np.zeros((2 * n, gaps.shape[1]))
         J = self.rows.gradients(t, q, closed)
         W = self.system.metric(q).solve_rows(J)
         share = W.T @ np.linalg.pinv(J @ W.T, rcond=_DEPENDENT, hermitian=True)
@@ -207,8 +239,19 @@ class Linearised:
         P = np.zeros((2 * n, 2 * n))
         P[:n, :n], P[n:, n:] = onto, np.eye(n) - share @ J
         turned = -share @ np.einsum("ijk,j->ik", gradients, v)
-        P[n:, :n] = turned @ onto
+        P[n:, :n] = turned
+        P = P @ _first(onto, kept)
         return P, np.vstack([moved, turned @ moved])
+
+
+def _first(onto: Array, kept: Array) -> Array:
+    """Return what projects variations of places, then keeps equalities."""
+    n = len(onto)
+    first = np.eye(2 * n)
+    first[:n, :n] = onto @ kept[:n, :n]
+    after = kept.copy()
+    after[:n, :n] = np.eye(n)
+    return after @ first
 
 
 def _turning(system: System, q: Array) -> list[tuple[slice, Array]]:

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from ...constraints.contact import Contact
-from ...errors import DivergedError
+from ...errors import DivergedError, MbviError, ProjectionError
 from ...problem import Problem
 from ...projection import Projector
 from ...system.system import Array
@@ -85,8 +85,8 @@ class EventDrivenIntegrator(MotionState):
             length = min(h, end - self.t)
             try:
                 step, factor, share, first = self._attempt(a, length)
-            except DivergedError as error:
-                # a shorter step may avoid the states where forces are not finite
+            except (DivergedError, ProjectionError) as error:
+                # a shorter step may avoid the states where forces are not finite, or loops cannot be closed
                 self.closing.forget()
                 h = self._shorter(length, _LEAST_FACTOR, error)
                 continue
@@ -214,7 +214,7 @@ class EventDrivenIntegrator(MotionState):
             step = self._cut(step, share, crossing) if exact else self._step_to_event(a, share * h, crossing)
         return step, factor, share, first
 
-    def _shorter(self, h: float, factor: float, error: DivergedError | None = None) -> float:
+    def _shorter(self, h: float, factor: float, error: MbviError | None = None) -> float:
         """Return the length of a retried step; raise `error`, or an error of its own, if that is too short."""
         if h * factor < _LEAST_STEP * max(1.0, abs(self.t)):
             if error is not None:
