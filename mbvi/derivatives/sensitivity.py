@@ -187,7 +187,8 @@ def sensitivity(
     -----
     Variations follow the linearised motion; at an impact they follow the saltation matrix, at a release the identity.
     Contacts that are closed stay closed, as loops do: with some at the start the derivative is that along the
-    variations which keep them closed. A contact with friction that does not slip at the start is varied so too. Functions of the user, forces and controls of robots, must be smooth functions of (t, q, v).
+    variations which keep them closed. A contact with friction that does not slip at the start is varied so too.
+    Functions of the user, forces and controls of robots, must be smooth functions of (t, q, v).
     """
     if boolean(one_sided, "one_sided"):
         if scheme is not None and not isinstance(scheme, EventDriven):

@@ -65,7 +65,7 @@ class Variation:
 
     def __init__(self, problem: Problem, tolerance: float, varied: Directions) -> None:
         self._linear = Linearised(deepcopy(problem), varied.parameters)
-        self._method = LinearMethod(max(_LOCAL * tolerance, _ROUNDING), len(self._linear.units))
+        self._method = LinearMethod(max(_LOCAL * tolerance, _ROUNDING))
         self._varied = varied
         self._least = np.where(varied.of_parameters, LEAST, 1e-300)
         self._saltation = Saltation(self._linear, varied, problem.length, float(np.sqrt(tolerance)), self._refuse)
@@ -243,7 +243,7 @@ class Variation:
         if self.approximate:
             return []
         kinks, friction = self._linear.kinks(step), self._linear.friction
-        return kinks if friction is None else sorted({*kinks, *friction.turning(step)[1]})
+        return kinks if friction is None else sorted({*kinks, *friction.turning(step)})
 
     def rates(self, step: RungeKuttaStep, shares: Array, closed: Array) -> Array:
         """Return `Linearised.matrix` at some shares of a step, one after the other."""
@@ -279,9 +279,7 @@ class Variation:
         least : ndarray, shape (p,), or float
             Entries of each column up to this are small.
         """
-        friction = self._linear.friction
-        stiff = friction is not None and not self.approximate and friction.turning(step)[0]
-        steps = LinearSteps(self._method, step.h, matrices, applied, least, stiff)
+        steps = LinearSteps(self._method, step.h, matrices, applied, least)
         for first, last in pairwise(ends):
             found = steps.rough(first, last, X) if self.approximate else steps.taken(first, last, X)
             if found is None:

@@ -88,16 +88,16 @@ class FrictionDerivatives:
         self._held = np.zeros(0, bool)
         self._points = PointRows(linear.system)
 
-    def turning(self, step: RungeKuttaStep) -> tuple[bool, list[float]]:
-        """Return whether a slip begins or stops in a step, in the present modes, and from and up to which shares."""
+    def turning(self, step: RungeKuttaStep) -> list[float]:
+        """Return the shares of a step up to and from which directions of slip are held, in the present modes."""
         index, slips = self.modes.index, ~self.modes.sticks
         if not slips.any():
-            return False, []
+            return []
         states = (step.t, step.q0, step.v0), (step.t + step.h, step.q, step.v)
         first, last = (np.linalg.norm(self.modes.equations(*state, index).slip, axis=1)[slips] for state in states)
         begins, stops = (first < _BEGINS * last).any(), (last < _BEGINS * first).any()
         share = min(_SHORT / step.h, 0.5)
-        return bool(begins or stops), [share] * bool(begins) + [1.0 - share] * bool(stops)
+        return [share] * bool(begins) + [1.0 - share] * bool(stops)
 
     def hold_directions(self, t: float, q: Array, v: Array) -> None:
         """Leave out in what follows how directions turn of slips that are about to stop, or have just begun."""

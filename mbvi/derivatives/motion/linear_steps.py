@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...system.system import Array
-from .collocation import Collocation
 
 # nodes at which the matrices of a step, or of a part of one, are computed, and the most parts that are tried in a step
 _NODES, _MOST_PARTS = 5, 300
@@ -21,8 +20,6 @@ class LinearMethod:
     ----------
     tolerance : float
         Largest error of a part of a step, relative to the largest entry of a column.
-    size : int
-        Rates depend on so many first rows of X.
 
     Notes
     -----
@@ -30,15 +27,14 @@ class LinearMethod:
     its error. A part whose error is too large is divided.
     """
 
-    def __init__(self, tolerance: float, size: int) -> None:
+    def __init__(self, tolerance: float) -> None:
         # imported here because it is slow to import
         from scipy.integrate import DOP853
 
-        self.tolerance, self.size = tolerance, size
+        self.tolerance = tolerance
         self.A, self.b, self.c = DOP853.A[:12, :12], DOP853.B, DOP853.C[:12]
         self.nodes, self.interpolation = _interpolation(self.c)
         self.errors = np.array([DOP853.E5[:12], DOP853.E3[:12]])
-        self.collocation = Collocation(self.nodes)
 
 
 @dataclass(frozen=True)
@@ -57,8 +53,6 @@ class LinearSteps:
         applied(matrix, X) -> dX/dt, for matrices and X with any leading axes.
     least : ndarray, shape (p,), or float
         Entries of each column of X up to this are small.
-    stiff : bool
-        Whether directions of slip turn fast in it.
     """
 
     method: LinearMethod
@@ -66,7 +60,6 @@ class LinearSteps:
     matrices: Callable[[Array], Array]
     applied: Callable[[Array, Array], Array]
     least: Array | float
-    stiff: bool
 
     def rough(self, first: float, last: float, X: Array) -> Array:
         """Return X after the part from one share of the step to another, by one step of order two."""
@@ -79,7 +72,7 @@ class LinearSteps:
         left, count = [(first, last - first)], 0
         while left:
             start, length = left.pop()
-            found = self._by_two(start, length, X) if self.stiff else self._once(start, length, X)
+            found = self._once(start, length, X)
             count += 1
             if found is not None:
                 X = found
@@ -88,17 +81,6 @@ class LinearSteps:
             else:
                 left += [(start + 0.5 * length, 0.5 * length), (start, 0.5 * length)]
         return X
-
-    def _by_two(self, start: float, length: float, X: Array) -> Array | None:
-        """Return X after a part, by two implicit steps instead of one as far as both agree, else None."""
-        method, ends = self.method, []
-        for count in (1, 2):
-            end, part = X, length / count
-            for k in range(count):
-                at_nodes = self.matrices(start + part * (k + method.nodes))
-                end = method.collocation.step(part * self.h, at_nodes, self.applied, end, method.size)
-            ends.append(end)
-        return ends[1] if self._small(np.abs(ends[1] - ends[0]).max(axis=0), X) else None
 
     def _once(self, start: float, length: float, X: Array) -> Array | None:
         """Return X after a part, by the explicit method; None if its error is too large."""
