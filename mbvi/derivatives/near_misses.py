@@ -9,6 +9,8 @@ from ..system.system import Array
 from .impacts import Refuse, Saltation
 from .motion.linearised import Linearised
 
+# time in which the slowest impact would go through a gap that nearly closes [s]
+_SECOND = 1.0
 # halvings that find where the rate of a gap is zero
 _HALVINGS = 40
 
@@ -63,5 +65,7 @@ class NearMisses:
             a = self._linear.flow.acceleration(t, q, v, closed)[: len(v)]
             bend = float((J @ a + rows.bias(t, q, v, one))[0])
             speed = np.sqrt(2.0 * max(gap, 0.0) * max(bend, 0.0))
-            if speed < float(self._saltation.slowest(one, J, v)[0]):
+            slowest = float(self._saltation.slowest(one, J, v)[0])
+            # where the rate is nearly constant the speed is small however wide the gap is
+            if speed < slowest and gap < slowest * _SECOND:
                 self._refuse(f"it grazes: its gap has the least value {gap:.2g}", one, t)

@@ -162,7 +162,40 @@ def two_feet():
     return scene.build()
 
 
+def prism(corners, velocity):
+    """A prism on a rough floor, whose base has these corners on an oval."""
+    angle = 2 * np.pi * np.arange(corners) / corners
+    base = 0.2 * np.column_stack([np.cos(angle) * (1 + 0.3 * np.cos(3 * angle)), np.sin(angle)])
+    scene = mbvi.Scene(friction=0.3)
+    scene.add_halfspace((0, 0, 1), name="floor")
+    points = np.vstack([np.column_stack([base, np.full(corners, z)]) for z in (0, 0.1)])
+    scene.add_convex(points, positions=[(0, 0, 0)], density=800.0, name="prism")
+    problem = scene.build()
+    return problem.at(problem.q0, velocity)
+
+
+def test_a_prism_that_slides_on_three_corners_and_turns():
+    found = mbvi.sensitivity(prism(3, [1.5, 0, 0, 0, 0, 1.0]), duration=0.3, wrt=["state", "friction"])
+    assert found.check(2).error.max() < 1e-7
+
+
+@pytest.mark.slow(seconds=10)
+def test_a_box_that_slides_on_four_corners_and_stops():
+    """Their shares of the load do not matter, because they are those of a rectangle."""
+    scene = mbvi.Scene(friction=0.3)
+    scene.add_halfspace((0, 0, 1), name="floor")
+    scene.add_box((0.4, 0.3, 0.1), position=(0, 0, 0.05), velocity=(1.5, 0, 0), name="box")
+    found = mbvi.sensitivity(scene.build(), duration=0.8, wrt=["state", "friction of box | floor"])
+    assert np.abs(found.run.v[-1]).max() < 1e-12
+    # the way is v^2 / (2 mu g)
+    assert found.matrix[0, 6] == pytest.approx(1.5 / (0.3 * G), rel=1e-8)
+    assert found.matrix[0, 12] == pytest.approx(-(1.5**2) / (2 * 0.3**2 * G), rel=1e-8)
+
+
 def test_where_there_is_none():
+    # a variation that turns it depends on how five corners share the load
+    with pytest.raises(mbvi.SensitivityError, match="contacts share their load at will"):
+        mbvi.sensitivity(prism(5, [1.5, 0, 0, 0, 0, 0]), duration=0.3)
     with pytest.raises(mbvi.SensitivityError, match="several close at once where there is friction"):
         mbvi.sensitivity(two_feet(), duration=0.5)
     with pytest.raises(mbvi.SensitivityError, match="along runs of EventDriven only, not of Paoli"):

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from ...errors import SensitivityError
 from ...schemes.event_driven.contact_rows import SmoothRows
 from ...schemes.event_driven.friction.modes import ContactModes, rows_of_modes
 from ...schemes.event_driven.runge_kutta import DEPENDENT, RungeKuttaStep
@@ -15,6 +17,8 @@ from .differences import along
 from .linear_law import LinearLaw
 from .point_rows import PointRows
 
+# effect of such forces on derivatives, relative to these, above which they are not determined
+_AMBIGUOUS = 1e-6
 # a slip begins or stops in a step in which it changes by more than the inverse of this
 _BEGINS = 0.1
 # first turn, most turns and the last one of the direction in which a slip stops [rad]
@@ -22,6 +26,8 @@ _TURN, _MOST_TURNS, _TURNED = 1e-3, 30, 1e-13
 # time before a stop and after the begin of a slip in which its direction is not followed [s]: what the friction across
 # it takes from variations is taken at the stop
 _SHORT = 1e-7
+# the same in which rounding of slips is too large to tell whether contacts share their load at will [s]
+_BRIEF = 1e-3
 
 
 class Smooth(Protocol):
@@ -81,11 +87,15 @@ class FrictionDerivatives:
         Lengths of differences along each velocity.
     frictions : ndarray, shape (m, parameters.count)
         Derivatives of the coefficient of friction of each constraint by the parameters.
+    name : callable
+        name(number) -> that of a constraint.
     """
 
-    def __init__(self, linear: Smooth, modes: ContactModes, steps: Array, frictions: Array) -> None:
-        self._linear, self.modes, self._steps, self._frictions = linear, modes, steps, frictions
-        self._held = np.zeros(0, bool)
+    def __init__(
+        self, linear: Smooth, modes: ContactModes, steps: Array, frictions: Array, name: Callable[[int], str]
+    ) -> None:
+        self._linear, self.modes, self._steps, self._frictions, self._name = linear, modes, steps, frictions, name
+        self._hold = self._brief = False
         self._points = PointRows(linear.system)
 
     def turning(self, step: RungeKuttaStep) -> list[float]:
@@ -100,10 +110,12 @@ class FrictionDerivatives:
         return [share] * bool(begins) + [1.0 - share] * bool(stops)
 
     def hold_directions(self, t: float, q: Array, v: Array) -> None:
-        """Leave out in what follows how directions turn of slips that are about to stop, or have just begun."""
+        """Leave out in what follows how directions of slip turn, if one is about to stop or has just begun."""
         equations, found = self.modes.forces(t, q, v, self.modes.index)
         rates = np.linalg.norm(equations.T @ found.acceleration - equations.along, axis=1)
-        self._held = np.linalg.norm(equations.slip, axis=1) < _SHORT * rates
+        slips = ~self.modes.sticks & (equations.mu > 0.0)
+        size = np.linalg.norm(equations.slip, axis=1)[slips]
+        self._hold, self._brief = (bool((size < time * rates[slips]).any()) for time in (_SHORT, _BRIEF))
 
     def accelerations(self, t: float, q: Array, v: Array, closed: Array) -> Array:
         """Return the derivative of accelerations in the present modes, shape (nv, 2 nv + m)."""
@@ -112,7 +124,7 @@ class FrictionDerivatives:
         _, metric, J, _, _ = equations.normals
         T, mu, sticks = equations.T, equations.mu, self.modes.sticks
         way, slips = self.modes.directions(equations), ~sticks & (equations.mu > 0.0)
-        turns = slips & ~self._held if len(self._held) == len(slips) else slips
+        turns = slips & (not self._hold)
         kept, forced, held = rows_of_modes(J, T, mu, sticks, way)
         gradients, biases = linear.rows_by_q(t, q, v, closed)
         turned, turned_biases = self._tangents_by_q(t, q, v, closed, bool(held.any()))
@@ -120,13 +132,18 @@ class FrictionDerivatives:
         force = found.normal @ J + np.einsum("ic,icj->j", found.tangential, T)
         out = linear.at_constant_force(t, q, v, found.acceleration, force)
         # what the same forces do where gradients, tangents, directions of slip and mu vary
-        pushed = np.zeros_like(out)
-        pushed[:, :n] = np.einsum("ijk,i->jk", gradients, found.normal)
-        pushed[:, :n] += np.einsum("icjk,ic->jk", turned, found.tangential)
         slopes = np.concatenate([np.einsum("icjk,j->ick", turned, v), T], axis=2)
-        load = np.where(slips, found.normal, 0.0)
-        pushed[:, : 2 * n] -= np.einsum("i,icj,icd,idm->jm", load * mu, T, _across(equations.slip, turns), slopes)
-        pushed[:, 2 * n :] -= np.einsum("i,icj,ic,im->jm", load, T, way, self._of_rows(closed))
+        across = np.einsum("icj,icd,idm->ijm", T, _across(equations.slip, turns), slopes)
+
+        def pushing(normal: Array, tangential: Array) -> Array:
+            pushed = np.zeros_like(out)
+            pushed[:, :n] = np.einsum("ijk,i->jk", gradients, normal) + np.einsum("icjk,ic->jk", turned, tangential)
+            load = np.where(slips, normal, 0.0)
+            pushed[:, : 2 * n] -= np.einsum("i,ijm->jm", load * mu, across)
+            pushed[:, 2 * n :] -= np.einsum("i,icj,ic,im->jm", load, T, way, self._of_rows(closed))
+            return pushed
+
+        pushed = pushing(found.normal, found.tangential)
         out += metric.solve_rows(np.ascontiguousarray(pushed.T)).T
         # then of the forces, which keep J a + (dJ/dt) v of all rows and of tangents that stick zero
         second, bias = np.concatenate([gradients, turned[held]]), np.concatenate([biases, turned_biases[held]])
@@ -134,7 +151,21 @@ class FrictionDerivatives:
         opening[:, :n] += np.einsum("ijk,j->ik", second, found.acceleration) + bias
         opening[:, n : 2 * n] += second @ v + np.einsum("ijk,j->ik", second, v)
         response = metric.solve_rows(forced)
-        return np.asarray(out - response.T @ np.linalg.lstsq(kept @ response.T, opening, rcond=DEPENDENT)[0])
+        G = kept @ response.T
+        by_forces, _, rank, _ = np.linalg.lstsq(G, opening, rcond=DEPENDENT)
+        out -= response.T @ by_forces
+        if rank < len(G) and slips.any() and not self._brief:
+            # forces that dependent contacts may share at will must not matter where slips turn, either
+            size = max(np.abs(found.normal).max(), np.abs(found.tangential).max())
+            for loose in np.linalg.svd(G)[2][rank:] * size:
+                tangential = -(mu * loose[: len(J)])[:, None] * np.where(slips[:, None], way, 0.0)
+                tangential[held] = loose[len(J) :]
+                effect = metric.solve_rows(np.ascontiguousarray(pushing(loose[: len(J)], tangential).T)).T
+                effect = effect - response.T @ np.linalg.lstsq(G, kept @ effect, rcond=DEPENDENT)[0]
+                if np.abs(effect).max() > _AMBIGUOUS * np.abs(out).max():
+                    names = {self._name(number) for number in linear.rows.number[closed].tolist()}
+                    raise SensitivityError("contacts share their load at will, on which it depends", t, tuple(names))
+        return np.asarray(out)
 
     def law(
         self, t: float, q: Array, v: Array, rows: Array, hit: Array, e: Array, found: Percussions

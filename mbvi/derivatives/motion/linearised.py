@@ -57,7 +57,7 @@ class Linearised:
         if problem.constraints.frictional:
             modes = ContactModes(self.flow, self.rows, SLOW * problem.length)
             frictions = parameters.frictions(len(problem.constraints))
-            self.friction = FrictionDerivatives(self, modes, self._steps, frictions)
+            self.friction = FrictionDerivatives(self, modes, self._steps, frictions, problem.constraints.name)
             self.flow.modes = modes
         n = self.system.nv
         # dq/dt = v, and the rest of A
