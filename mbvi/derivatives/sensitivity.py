@@ -171,10 +171,12 @@ def sensitivity(
         orthogonal in the kinetic metric; impacts slower than the root of the tolerance, relative to the speed of their
         bodies or to a length of the scene a second, and gaps that just miss such an impact; impacts that accumulate; a
         run that starts or ends at an impact; by parameters also closed contacts that carry no force; a torque of
-        a `PDControl` that stays exactly at its limit. With friction several impacts at once, impacts that are
-        about to stick or to slip, and contacts that share their load at will where that matters. Where mbvi does not know it: another scheme, friction along fixed steps or of joints,
-        loops and coupled joints along fixed steps or with friction, closing hinges with forces, controls of the whole
-        scene, polyhedra that touch each other.
+        a `PDControl` that stays exactly at its limit.
+        With friction: several impacts at once, impacts that are about to stick or to slip, and contacts that share
+        their load at will where that matters.
+        Where mbvi does not know it: another scheme, friction along fixed steps or of joints, loops and coupled joints
+        along fixed steps or with friction, closing hinges with forces, controls of the whole scene, polyhedra that
+        touch each other.
         With one_sided: friction; orders of impacts in which a row grazes, or a force opens a contact between two
         impacts; more than 20 single impacts that follow each other at once, or 64 branches; columns that keep them
         simultaneous.
