@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 import mbvi
+from mbvi.results.plots.quantities import panels
 from mbvi.results.run_data import arriving, states_at_switches
 
 SCHEMES = [mbvi.EventDriven(1e-8), mbvi.Adaptive(1e-4)]
@@ -358,6 +359,16 @@ def test_states_of_a_thinned_run_are_those_of_the_whole_one(scheme):
         # after all impacts at that time
         np.testing.assert_array_equal(thin.at(t)[0], whole.at(t)[0])
         np.testing.assert_array_equal(thin.at(t)[1], whole.at(t)[1])
+
+
+@every_scheme
+def test_the_plot_of_energies_is_of_what_is_connected(scheme):
+    """A pendulum that is let go keeps its energy, also between the recorded states."""
+    run = run_of(pendulum(), lambda state: {"hook": state.q["load"][0] > 0.1}, 0.5, scheme)
+    energy = next(panel for panel in panels(run, None, "")[0] if panel.title == "Energy")
+    total = next(curve for curve in energy.curves if curve.name == "total")
+    assert len(total.t) > 10
+    np.testing.assert_allclose(total.y, 9.81, atol=1e-3)
 
 
 @every_scheme

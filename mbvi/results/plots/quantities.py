@@ -81,7 +81,8 @@ def _energy(run: RunData) -> Panel | str:
     t, kinetic, potential = run.t, *energies_of_run(run).T
     if run.record.dense is not None and run.problem is not None:
         seen = _states(run, _MOST_STATES)
-        t, (kinetic, potential) = seen.t, energies(run.problem, *seen, 0.0).T
+        found = energies(run.problem, *seen, 0.0, switches=run.record.switches)
+        t, (kinetic, potential) = seen.t, found.T
     curves = [
         Curve("kinetic", t, kinetic, color=ORANGE),
         Curve("potential", t, potential, color=BLUE),
