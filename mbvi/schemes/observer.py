@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from .step import Step
 
 Array = np.ndarray
+# returns the contacts of a state, which are computed when it is called
+Contacts = Callable[[], tuple[Contact, ...]]
 
 
 def observer(problem: Problem) -> Callable[[Step, float], None] | None:

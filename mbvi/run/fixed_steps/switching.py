@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from ...arguments import function, shown
-from ...constraints.contact import Contact
 from ...errors import InputError
 from ...problem import Problem
 from ...projection import Projector
@@ -19,7 +18,7 @@ from ...scene.connected.switched import connected, switched
 from ...scene.model import SceneModel
 from ...scene.state import Place, State, Values
 from ...schemes import OwnStepsScheme, Scheme, Step
-from ...schemes.observer import contacts_of_step
+from ...schemes.observer import Contacts, contacts_of_step
 from ...system.given import called
 from ..recorder import Recorder
 from ..start import initial_step
@@ -28,8 +27,6 @@ from .attaching import attaching
 # least room that arrays of states grow by, and most notes of switches
 _ROOM, _MOST_NOTES = 16, 20
 
-# the contacts of a state, computed where a function asks for them
-Contacts = Callable[[], tuple[Contact, ...]]
 # switch(state) -> {connection: bool}
 SwitchFunction = Callable[[State], Mapping[str, bool] | None]
 

@@ -19,10 +19,9 @@ from ...schemes import EventDriven, Step
 from ...schemes.contact_friction import ContactFriction, regime
 from ...schemes.event_driven.impact_event import ImpactEvent
 from ...schemes.event_driven.integrator import EventDrivenIntegrator
-from ...schemes.event_driven.observed import Contacts
 from ...schemes.event_driven.reactions import reactions
 from ...schemes.event_driven.runge_kutta import DEGREE, RungeKuttaStep
-from ...schemes.observer import contacts_of_step
+from ...schemes.observer import Contacts, contacts_of_step
 from ...schemes.step import NO_RATES
 from ..fixed_steps.switching import Switches, Switching, connected_at
 from ..start import closes_none

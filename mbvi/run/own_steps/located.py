@@ -7,7 +7,8 @@ from math import ceil
 from typing import NamedTuple
 
 from ...results.run_data import Array
-from ..fixed_steps.switching import Contacts, Switching
+from ...schemes.observer import Contacts
+from ..fixed_steps.switching import Switching
 
 # longest time between two states at which a function is asked [s], and how many there are at least in a run
 _LONGEST, _FEWEST = 1e-3, 100

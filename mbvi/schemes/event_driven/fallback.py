@@ -8,7 +8,6 @@ import numpy as np
 
 from ...constraints.rows import take
 from ...errors import ProjectionError
-from ...projection import FreeMotion
 from ...projection.positions.travel import MOST_LINEARISATIONS
 from ...system.system import Array
 from ..contact_friction import friction_of
@@ -31,15 +30,10 @@ def bounce(state: MotionState) -> Generator[RungeKuttaStep | ImpactEvent, None, 
     """Apply the law (8) where a gradient jumps; return whether such contacts then stay open for `_OPEN_TIME`."""
     q, v = state.q, state.v
     active = state.problem.constraints.active(state.t, q, state.problem.tolerance)
-    number, _, J, e, point, normal, *_ = active
+    number, _, J, *_ = active
     before = J @ v
-    closing = (before < -certain_rates(J, v, state.slow_constraints(number))).any()
-    if closing and state.modes is not None:
+    if (before < -certain_rates(J, v, state.slow_constraints(number))).any():
         yield state.observed.impact(strike(state, active, state.system.metric(q)))
-    elif closing:
-        state.v, rates, state.residual = state.projector.law(v, FreeMotion(v, state.system.metric(q)), J, e)
-        rates = np.array([rates[0], before, J @ state.v])
-        yield state.observed.impact(ImpactEvent(state.t, q, v, state.v, number, rates, point, normal))
     pull = np.abs(J @ state.flow.acceleration(state.t, q, state.v, state.closed)[: len(v)])
     jumping = np.isin(number, state.rows.number[~state.rows.smooth])
     return bool((2.0 * (J @ state.v) > _OPEN_TIME * pull)[jumping].all())

@@ -13,6 +13,7 @@ from ...problem import Problem
 from ...projection import Projector
 from ...system.system import Array
 from ..contact_friction import ContactFriction
+from ..observer import Contacts
 from .contact_changes import change_contacts, touching_rows
 from .fallback import STEP, bounce, fall_back
 from .finding.feature_events import drop_features, first_feature_change
@@ -21,7 +22,6 @@ from .friction.events import first_mode_end
 from .friction.forces import contact_forces
 from .impact_event import ImpactEvent
 from .motion_state import NO_ROWS, MotionState
-from .observed import Contacts
 from .runge_kutta import RungeKuttaStep
 
 # largest error of one step, relative to the tolerance

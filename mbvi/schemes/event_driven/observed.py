@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 
 import numpy as np
 
-from ...constraints.contact import Contact
 from ...problem import Problem
 from ...system.system import Array
 from ..contact_friction import ContactFriction
-from ..observer import contacts_of_rows, observer
+from ..observer import Contacts, contacts_of_rows, observer
 from ..step import Step
 from .contact_rows import SmoothRows
 from .impact_event import ImpactEvent
 from .runge_kutta import RungeKuttaStep, least_percussion
-
-# the contacts of a state, computed where they are asked for
-Contacts = Callable[[], tuple[Contact, ...]]
 
 
 class ContactObserver:

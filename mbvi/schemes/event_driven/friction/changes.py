@@ -22,7 +22,7 @@ _STILL = 1e-10
 
 
 def strike(state: MotionState, rows: Rows, metric: Metric) -> ImpactEvent:
-    """Apply the law (8) with Coulomb's law to rows that touch."""
+    """Apply the law (8), with friction Coulomb's law, to rows that touch."""
     v = state.v
     applied = law(state.projector, v, FreeMotion(v, metric), rows)
     state.v, state.residual, state.impact_time = applied.velocity, applied.residual, state.t

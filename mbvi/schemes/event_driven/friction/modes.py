@@ -120,8 +120,6 @@ class ContactModes:
 
     Attributes
     ----------
-    slow : float
-        Slip that counts as none [m/s].
     system : System
         What moves.
     index : ndarray of int, shape (k,)
@@ -137,7 +135,7 @@ class ContactModes:
     """
 
     def __init__(self, flow: Flow, rows: SmoothRows, slow: float) -> None:
-        self._flow, self._rows, self.slow, self.system = flow, rows, slow, flow.system
+        self._flow, self._rows, self._slow, self.system = flow, rows, slow, flow.system
         self.stopped, self.undecided = -1, False
         self.choose(np.zeros(0, np.int64), np.zeros(0, bool), np.zeros((0, 2)))
 
@@ -150,7 +148,7 @@ class ContactModes:
         normals = self._flow.contact_equations(t, q, v, closed)
         tangents = self._rows.tangents(t, q, closed)
         T = np.asarray(tangents.jacobian).reshape(len(closed), 2, len(v))
-        still = STILL * (np.abs(T) @ np.abs(v)).sum(axis=1) + self.slow
+        still = STILL * (np.abs(T) @ np.abs(v)).sum(axis=1) + self._slow
         along = -self._rows.tangent_bias(t, q, v, closed).reshape(-1, 2)
         return ModeEquations(normals, T, tangents.friction, T @ v, still, along)
 
