@@ -164,11 +164,9 @@ class Saltation:
         if hit.sum() == 1:
             return [impact.rows[hit]]
         cosines = cosines_of(self._linear.system.metric(impact.q), J[hit], J[stays])
-        left, groups = list(range(len(cosines))), []
-        while left:
-            one = [k for k in left if cosines[left[0], k] > 1.0 - _COSINE]
-            left = [k for k in left if k not in one]
-            between = cosines[np.ix_(one, left)].ravel()
+        groups = []
+        for one in as_one(cosines):
+            between = np.delete(cosines[one], one, axis=1).ravel()
             if np.abs(between).max(initial=0.0) > _COSINE:
                 self.fork = impact
                 self._refuse(
@@ -306,6 +304,15 @@ def cosines_of(metric: Metric, J: Array, held: Array) -> Array:
         closing = closing - basis @ (basis.T @ closing)
     closing = closing / np.linalg.norm(closing, axis=0)
     return np.asarray(closing.T @ closing)
+
+
+def as_one(cosines: Array) -> list[list[int]]:
+    """Return the numbers of rows in groups that act as one, by the cosines of their kinetic angles."""
+    left, groups = list(range(len(cosines))), []
+    while left:
+        groups.append([k for k in left if cosines[left[0], k] > 1.0 - _COSINE])
+        left = [k for k in left if k not in groups[-1]]
+    return groups
 
 
 def _other_orders(groups: list[Array]) -> list[list[Array]]:

@@ -13,11 +13,12 @@ from ..schemes.event_driven.motion_state import NO_ROWS
 from ..schemes.event_driven.runge_kutta import least_percussion
 from ..system.system import Array
 from .directions import Directions
-from .impacts import LocatedImpact, cosines_of
+from .impacts import as_one, cosines_of
+from .located_impact import LocatedImpact
 from .variation import Variation
 
-# cosine of a kinetic angle above which two rows act as one; relative percussion above which a row bears one
-_SAME, _BEARS = 1.0 - 1e-9, 1e-12
+# relative percussion above which a row bears one
+_BEARS = 1e-12
 # contact force, as an acceleration relative to the terms it consists of and to a length of the scene a second squared,
 # below which a contact opens
 _OPENS = -1e-6
@@ -110,16 +111,12 @@ class Branching(Variation):
         if (np.abs(rates) < slowest).any():
             grazes = rows[np.abs(rates) < slowest]
             self._refuse("several close at once, and in some order one of them grazes", grazes, fork.t)
-        left = np.flatnonzero(rates < 0.0).tolist()
+        closing = rates < 0.0
+        if not closing.any():
+            return []
         held = self._linear.rows.gradients(fork.t, fork.q, order.closed)
-        groups = []
-        while left:
-            some = J[left]
-            cosines = cosines_of(self._linear.system.metric(fork.q), some, held)[0]
-            one = [k for k, cosine in zip(left, cosines, strict=True) if cosine > _SAME]
-            left = [k for k in left if k not in one]
-            groups.append(rows[one])
-        return groups
+        cosines = cosines_of(self._linear.system.metric(fork.q), J[closing], held)
+        return [rows[closing][one] for one in as_one(cosines)]
 
     def _later(self, fork: LocatedImpact, order: Order, group: Array, other: Array) -> Array:
         """Return by how much later variations make another group close than the first one, shape (p,)."""

@@ -101,16 +101,11 @@ class Variation:
             return
         self._begin_step(part.t, part.q0, part.v0, integrator)
         self._step(part)
-        self._slips.stopped = self._stopped(integrator)
+        self._slips.stopped = -1 if integrator.modes is None else integrator.modes.stopped
         self._touching = 10.0 * integrator.touching
         self._misses.step(part, self._closed, self._held, self._touching)
         self._end = part.t + part.h, integrator.q, integrator.v
         self.matrices.append(self._X)
-
-    @staticmethod
-    def _stopped(integrator: Followed) -> int:
-        """Return the closed row whose slip vanishes at the end of a step, as an index of the closed rows, or -1."""
-        return -1 if integrator.modes is None else integrator.modes.stopped
 
     def finish(self) -> None:
         """Refuse an impact at the end of the run, where the velocity is that before or after it."""

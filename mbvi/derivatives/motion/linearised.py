@@ -185,20 +185,21 @@ class Linearised:
         """Return `law` of a system with equalities, along variations that keep them, by differences."""
         factor = np.where(hit, 1.0 + e, 1.0)
 
-        def share(q: Array) -> tuple[Array, Array]:
-            J = self.rows.gradients(t, q, rows)
-            W = self.system.metric(q).solve_rows(J)
-            return J, W.T @ np.linalg.pinv(J @ W.T, rcond=_DEPENDENT, hermitian=True)
-
         def after(q: Array, v: Array) -> Array:
-            J, inverse = share(q)
-            return v - inverse @ (factor * (J @ v))
+            J = self.rows.gradients(t, q, rows)
+            return v - self._response(q, J) @ (factor * (J @ v))
 
-        J, inverse = share(q)
+        J = self.rows.gradients(t, q, rows)
+        inverse = self._response(q, J)
         both, jump = along_both(after, self.system, q, v, self._steps), after(q, v) - v
         by_p = (np.eye(len(v)) - inverse @ J) @ self.parameters.jumps(q, jump)
         by_q, by_v = np.hsplit(both, 2)
         return LinearLaw(v + jump, by_q, by_v, -inverse * (hit * (J @ v)), by_p)
+
+    def _response(self, q: Array, J: Array) -> Array:
+        """Return the least velocities, shape (nv, k), that change the rate of one row each by one; see `law`."""
+        W = self.system.metric(q).solve_rows(J)
+        return np.asarray(W.T @ np.linalg.pinv(J @ W.T, rcond=_DEPENDENT, hermitian=True))
 
     def tangents(
         self, t: float, q: Array, v: Array, closed: Array, gaps: Array, starts: bool = True
@@ -227,15 +228,13 @@ class Linearised:
         if not closed.size:
             return kept, np.zeros((2 * n, gaps.shape[1]))
         J = self.rows.gradients(t, q, closed)
-        W = self.system.metric(q).solve_rows(J)
-        share = W.T @ np.linalg.pinv(J @ W.T, rcond=_DEPENDENT, hermitian=True)
+        share = self._response(q, J)
         onto, moved = np.eye(n) - share @ J, -share @ gaps
         gradients, _ = self.rows_by_q(t, q, v, closed)
         if self.friction is not None:
             # velocities along tangents vanish too, places do not
             J, gradients = self.friction.with_sticking(t, q, v, closed, J, gradients, starts)
-            W = self.system.metric(q).solve_rows(J)
-            share = W.T @ np.linalg.pinv(J @ W.T, rcond=_DEPENDENT, hermitian=True)
+            share = self._response(q, J)
         P = np.zeros((2 * n, 2 * n))
         P[:n, :n], P[n:, n:] = onto, np.eye(n) - share @ J
         turned = -share @ np.einsum("ijk,j->ik", gradients, v)
