@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
 
 import mbvi
+from support.derivatives import agrees
 
 G = 9.81
 
@@ -85,6 +87,54 @@ def test_a_contact_that_stays_closed_beside_a_loop():
     scene.exclude("ball", "bob")
     found = mbvi.sensitivity(scene.build(), duration=0.2, wrt=["state", "mass of bob"])
     assert found.check(2).error.max() < 1e-6
+
+
+MIMIC = """<robot name="mimic"><link name="base"/>
+  <link name="upper"><inertial><mass value="1"/><origin xyz="0 0 -.2"/>
+    <inertia ixx=".02" iyy=".02" izz=".01" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <link name="lower"><inertial><mass value=".7"/><origin xyz="0 0 -.2"/>
+    <inertia ixx=".02" iyy=".02" izz=".01" ixy="0" ixz="0" iyz="0"/></inertial>
+    <collision><origin xyz="0 0 -.4"/><geometry><sphere radius=".05"/></geometry></collision></link>
+  <joint name="one" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 1 0"/>
+    <limit lower="-1.2" upper="1.2" effort="9" velocity="9"/></joint>
+  <joint name="two" type="revolute"><parent link="upper"/><child link="lower"/><origin xyz="0 0 -.4"/>
+    <axis xyz="0 1 0"/><limit lower="-2" upper="2" effort="9" velocity="9"/>
+    <mimic joint="one" multiplier="1.5" offset=".1"/></joint></robot>"""
+
+
+def test_a_mimic_joint_that_strikes_a_wall(tmp_path):
+    (tmp_path / "mimic.urdf").write_text(MIMIC)
+    scene = mbvi.Scene(restitution=0.6)
+    scene.add_halfspace((1, 0, 0), offset=-0.1, name="wall")
+    scene.add_urdf(tmp_path / "mimic.urdf", base="fixed", name="arm", joints={"one": -0.5})
+    found = mbvi.sensitivity(scene.build(), duration=1.0, wrt=["state", "restitution", "mass of arm/two"])
+    assert found.run.impacts
+    assert found.check(2).error.max() < 1e-7
+
+
+@pytest.mark.slow(seconds=10)
+def test_connected_boxes_that_land_at_once_have_a_derivative_on_each_side():
+    """Each lands on a corner: either may strike first, and the connection makes the order matter."""
+    scene = mbvi.Scene(restitution=0.5)
+    scene.add_halfspace((0, 0, 1), name="floor")
+    down = Rotation.align_vectors([[0, 0, -1]], [[1, 1.2, 0.9]])[0].as_quat()
+    for name, x in (("a", -0.2), ("b", 0.2)):
+        scene.add_box((0.1, 0.12, 0.09), mass=1 + x, position=(x, 0, 0.4), rotation=down, name=name)
+    scene.connect("a", "b", at=(0, 0, 0.4))
+    problem, n = scene.build(), 12
+    found = mbvi.sensitivity(problem, duration=0.3, one_sided=True)
+    assert sorted(branch.order[0] for branch in found.branches) == [("a | floor",), ("b | floor",)]
+    onto = mbvi.sensitivity(problem, duration=0.05).matrices[0]
+    lowers = onto @ np.concatenate([[0, 0, 0, 0, 0.3, 0], np.random.default_rng(0).normal(size=18)])
+    for x in (lowers, -lowers):
+        branch, ends = found.branch(x), []
+        for h in (1e-5, 2e-5):
+            q = problem.system.integrate(problem.q0, h * x[:n])
+            varied = problem.at(q, problem.system.tangent(q, problem.v0 + h * x[n:]))
+            run = mbvi.simulate(varied, mbvi.EventDriven(1e-12), duration=0.3)
+            moved = problem.system.difference(branch.run.q[-1], run.q[-1]), run.v[-1] - branch.run.v[-1]
+            ends.append(np.concatenate(moved) / h)
+        agrees(2 * ends[0] - ends[1], branch.matrix @ x, 1e-6)
 
 
 def test_what_is_refused():

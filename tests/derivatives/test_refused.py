@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import mbvi
+from support.derivatives import block
 
 G = 9.81
 SCHEME = mbvi.EventDriven(1e-12)
@@ -21,19 +22,6 @@ def ball(e=0.5, height=1.0, friction=0.0, velocity=(0, 0, 0)):
     scene.add_halfspace((0, 0, 1), name="floor")
     scene.add_sphere(radius=0.1, mass=1.0, position=(0, 0, height), velocity=velocity, name="ball")
     return scene.build()
-
-
-def block(width, tilt, inertia, e):
-    """A planar block that falls on two feet; G's cosine is (I - m w^2) / (I + m w^2)."""
-    system = mbvi.LagrangianSystem(lambda q: np.diag([1.0, inertia]), lambda t, q, v: np.array([-G, 0.0]), 2)
-    feet = [
-        mbvi.GapFunction(
-            lambda q, s=s: q[0] + s * width * np.sin(q[1]), lambda q, s=s: np.array([1.0, s * width * np.cos(q[1])]),
-            name=f"foot {s:+d} | floor",
-        )
-        for s in (-1, 1)
-    ]  # fmt: skip
-    return mbvi.Problem(system, feet, [0.3, tilt], [0.0, 0.0], restitution=e)
 
 
 def test_other_schemes():

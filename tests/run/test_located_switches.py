@@ -10,6 +10,7 @@ from scipy.integrate import solve_ivp
 import mbvi
 from mbvi.results.plots.quantities import panels
 from mbvi.results.run_data import arriving, states_at_switches
+from support.suction import suction_cup
 
 SCHEMES = [mbvi.EventDriven(1e-8), mbvi.Adaptive(1e-4)]
 every_scheme = pytest.mark.parametrize("scheme", SCHEMES, ids=lambda one: one.name)
@@ -403,26 +404,8 @@ def test_an_error_of_the_function_carries_the_run_so_far(scheme):
 @every_scheme
 def test_a_suction_cup_that_also_controls_holds_what_it_touches(scheme):
     """The function and the force are of one object with a memory: the cup comes down, touches, holds and lifts."""
-
-    class Gripper:
-        holds = False
-
-        def force(self, t, q, v):
-            goal = 0.3 if self.holds else 0.1
-            return [0, 0, 9.81 * (0.2 + 0.1 * self.holds) + 20.0 * (goal - q[2]) - 4.0 * v[2], 0, 0, 0]
-
-        def grasp(self, state):
-            names = {contact.name for contact in state.contacts}
-            self.holds = self.holds or any({"cup", "load"} <= set(name.split(" | ")) for name in names)
-            return {"suction": self.holds}
-
-    scene, gripper = mbvi.Scene(), Gripper()
-    scene.add_halfspace((0, 0, 1), name="floor")
-    scene.add_box((0.1, 0.1, 0.1), 0.1, position=(0, 0, 0.05), name="load")
-    scene.add_box((0.05, 0.05, 0.02), 0.2, position=(0, 0, 0.2), name="cup")
-    scene.add_force("cup", gripper.force)
-    scene.weld("cup", "load", name="suction", active=False)
-    run = run_of(scene.build(), gripper.grasp, 2.0, scheme)
+    problem, gripper = suction_cup()
+    run = run_of(problem, gripper.grasp, 2.0, scheme)
     (made,) = run.record.switches
     assert made.q[9] == pytest.approx(0.11, abs=scheme.tolerance)
     first = run.impacts[0]

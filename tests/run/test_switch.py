@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 import mbvi
 from mbvi.results.run_data import arriving
+from support.suction import suction_cup
 
 STEP = 1e-3
 MASSES = (2.0, 1.0)
@@ -183,27 +184,8 @@ def test_the_run_of_a_robot_is_that_of_a_simulator():
 
 def test_a_suction_cup_grasps_what_it_touches():
     """A control with a state: the cup comes down, holds the load when it touches it, and lifts it."""
-
-    class Gripper:
-        def __init__(self):
-            self.holds = False
-
-        def force(self, t, q, v):
-            goal = 0.3 if self.holds else 0.1
-            return [0, 0, 9.81 * (0.2 + 0.1 * self.holds) + 20.0 * (goal - q[2]) - 4.0 * v[2], 0, 0, 0]
-
-        def grasp(self, state):
-            names = {contact.name for contact in state.contacts}
-            self.holds = self.holds or any({"cup", "load"} <= set(name.split(" | ")) for name in names)
-            return {"suction": self.holds}
-
-    scene, gripper = mbvi.Scene(), Gripper()
-    scene.add_halfspace((0, 0, 1), name="floor")
-    scene.add_box((0.1, 0.1, 0.1), 0.1, position=(0, 0, 0.05), name="load")
-    scene.add_box((0.05, 0.05, 0.02), 0.2, position=(0, 0, 0.2), name="cup")
-    scene.add_force("cup", gripper.force)
-    scene.weld("cup", "load", name="suction", active=False)
-    run = run_of(scene.build(), mbvi.Centered(project_positions=True), duration=2.0, switch=gripper.grasp)
+    problem, gripper = suction_cup()
+    run = run_of(problem, mbvi.Centered(project_positions=True), duration=2.0, switch=gripper.grasp)
     (made,) = run.record.switches
     # the law acts up to a step before the cup touches
     assert 0.11 - 1e-9 < made.q[9] < 0.11 + STEP * abs(run.v[run.t < made.time, 8]).max()

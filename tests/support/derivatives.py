@@ -2,6 +2,10 @@
 
 import numpy as np
 
+import mbvi
+
+G = 9.81
+
 
 def slopes(motion, x):
     """The derivative of motion(x), exact to rounding."""
@@ -26,3 +30,16 @@ def beads(x, duration, masses):
         a, b = masses[k : k + 2]
         push = (1 + e) * (v[k] - v[k + 1]) * a * b / (a + b)
         v = v + np.array([-push / a if j == k else push / b if j == k + 1 else 0 for j in range(n)])
+
+
+def block(width, tilt, inertia, e):
+    """A planar block that falls on two feet; G's cosine is (I - m w^2) / (I + m w^2)."""
+    system = mbvi.LagrangianSystem(lambda q: np.diag([1.0, inertia]), lambda t, q, v: np.array([-G, 0.0]), 2)
+    feet = [
+        mbvi.GapFunction(
+            lambda q, s=s: q[0] + s * width * np.sin(q[1]), lambda q, s=s: np.array([1.0, s * width * np.cos(q[1])]),
+            name=f"foot {s:+d} | floor",
+        )
+        for s in (-1, 1)
+    ]  # fmt: skip
+    return mbvi.Problem(system, feet, [0.3, tilt], [0.0, 0.0], restitution=e)
