@@ -8,7 +8,7 @@ import pytest
 
 from mbvi.compiled import held
 from mbvi.system import ArticulatedSystem
-from mbvi.system.mechanisms.joint_tree import place_joints, weigh_joints, with_own_results, write_effects
+from mbvi.system.mechanisms.joint_tree import carriers, place_joints, weigh_joints, with_own_results, write_effects
 from support.joint_tree_arguments import inertia_of, joints, moved_model, place_of, tree_of
 from support.paths import ROBOTS, real_robot
 
@@ -67,6 +67,18 @@ def test_every_robot_moves_as_by_pinocchio(path, rng):
 def test_random_trees_of_all_kinds_of_joints_move_as_by_pinocchio(seed):
     model, q, v = moved_model(np.random.default_rng(seed))
     assert_equal(model, tree_of(model), q, v)
+
+
+@pytest.mark.parametrize("path", URDFS, ids=lambda path: path.stem)
+def test_what_carries_each_velocity_is_what_pinocchio_names(path):
+    for model in models_of(path):
+        np.testing.assert_array_equal(carriers(model), np.array(model.createData().parents_fromRow))
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_what_carries_each_velocity_of_random_trees_is_what_pinocchio_names(seed):
+    model, _, _ = moved_model(np.random.default_rng(seed))
+    np.testing.assert_array_equal(carriers(model), np.array(model.createData().parents_fromRow))
 
 
 def test_every_kind_of_joint_is_known(rng):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
@@ -23,7 +23,7 @@ from ..given import not_finite
 from ..joint_forces import JointForce, add_row_forces, force_rows, spring_energy
 from ..system import Array, Kinematics, System
 from .equalities import Equality, equalities_of, write_gaps, write_rows
-from .joint_tree import JointTree, joint_tree, place_joints, weigh_joints, write_effects
+from .joint_tree import JointTree, carriers, joint_tree, place_joints, weigh_joints, write_effects
 from .mechanism import Mechanism, close, dry_friction, mechanism
 from .memory import read_results
 from .pinocchio_check import reason_for_bindings
@@ -38,6 +38,11 @@ _UNBOUNDED = 1e150
 _ARMATURE_LEFT_OUT = ("JointModelRevoluteUnaligned",)
 
 _WORLD = pin.Convention.WORLD
+
+
+@cache
+def _no_data() -> pin.Data:
+    return pin.Model().createData()
 
 
 class ArticulatedSystem(System):
@@ -97,8 +102,6 @@ class ArticulatedSystem(System):
         self._flat = all(joint.nv == 1 for joint in list(model.joints)[1:])
         # number of leading velocities for which it is not; joints are independent of each other
         self._curved = max((j.idx_v + j.nv for j in list(model.joints)[1:] if j.nv > 1), default=0)
-        self._data = model.createData()
-        self._energy_data = model.createData()
         # the configuration of the data: its bytes and, if the array is read-only, the array itself
         self._key: bytes | None = None
         self._current: Array | None = None
@@ -106,7 +109,7 @@ class ArticulatedSystem(System):
         self._integrated: Array | None = None
         self._metric: TreeMetric | None = None
         # the parent of each velocity in the tree
-        self._parent = np.array(self._data.parents_fromRow, dtype=np.int64)
+        self._parent = carriers(model)
         # kernels compute poses, columns and mass matrix where they know every joint, else Pinocchio does
         tree = self._tree = joint_tree(model, self._parent)
         self._known = len(tree.kind) > 0
@@ -124,6 +127,15 @@ class ArticulatedSystem(System):
                 first = model.idx_vs[ancestor]
                 self._support[joint, first : first + model.nvs[ancestor]] = 1.0
         self._kinematics = Kinematics(poses, columns, self._support)
+
+    # made where Pinocchio computes: of many bodies this takes seconds
+    @cached_property
+    def _data(self) -> pin.Data:
+        return self.model.createData()
+
+    @cached_property
+    def _energy_data(self) -> pin.Data:
+        return self.model.createData()
 
     def __reduce__(self) -> tuple[type, tuple[Any, ...]]:
         # a copy makes its own Data, because the arrays kept here lie in the memory of this one
@@ -156,10 +168,12 @@ class ArticulatedSystem(System):
         return [] if reason is None else [f"Pinocchio was called through its Python bindings: {reason}"]
 
     def mechanism(self) -> Mechanism | None:
-        """Return a record with a `pin.Data` of its own, or None where Pinocchio cannot be called by address."""
+        """Return a record with results of its own, or None where Pinocchio cannot be called by address."""
         if reason_for_bindings() is not None:
             return None
-        return mechanism(self.model, self.model.createData(), self._support, self._tree, self._free, self.equalities)
+        # kernels that know every joint ask Pinocchio for nothing that it computes into its data
+        data = _no_data() if self._known else self.model.createData()
+        return mechanism(self.model, data, self._support, self._tree, self._free, self.equalities)
 
     @cached_property
     def _closing(self) -> Mechanism:

@@ -274,6 +274,17 @@ def write_effects(tree: JointTree, v: Array) -> None:
                 force[p, r] += g[r]
 
 
+def carriers(model: pin.Model) -> Array:
+    """Return the velocity that carries each one, shape (nv,) of int; -1 where there is none."""
+    carrier, last = np.arange(-1, model.nv - 1), [-1]
+    joints = zip(model.parents.tolist()[1:], model.idx_vs.tolist()[1:], model.nvs.tolist()[1:], strict=True)
+    for parent, first, count in joints:
+        # joints without velocities carry what their parents carry
+        last.append(first + count - 1 if count else last[parent])
+        carrier[first : first + min(count, 1)] = last[parent]
+    return carrier
+
+
 def joint_tree(model: pin.Model, carrier: Array) -> JointTree:
     """Return the joints of a model; none, and no room, if one of them is of another kind.
 
