@@ -37,7 +37,7 @@ def factor_mass(mass: Array, h: float, damping: Array, parent: Array, L: Array) 
     parent : ndarray of int, shape (nv,)
         The velocity that carries each one, -1 where there is none; M couples a velocity to its ancestors only.
     L : ndarray, shape (nv + m, nv)
-        Receives the lower triangle in its first rows.
+        Receives in its first rows the entries of each velocity and of what carries it; the others are left.
 
     Notes
     -----
@@ -45,9 +45,11 @@ def factor_mass(mass: Array, h: float, damping: Array, parent: Array, L: Array) 
     """
     n = len(parent)
     for i in range(n):
-        for j in range(n):
-            L[i, j] = mass[i, j] if j <= i else 0.0
-        L[i, i] += h * damping[i]
+        L[i, i] = mass[i, i] + h * damping[i]
+        j = parent[i]
+        while j >= 0:
+            L[i, j] = mass[i, j]
+            j = parent[j]
     for k in range(n - 1, -1, -1):
         # written so that a NaN is refused too
         if not L[k, k] > 0.0:
@@ -88,9 +90,9 @@ def solve(L: Array, parent: Array, rows: Array, whitened: Array, out: Array) -> 
             take_off(L, whitened[a])
         for k in range(n):
             out[a, k] = whitened[a, k]
-    fours = m - m % 4
+    fours, moved = m - m % 4, np.empty(n, np.bool_)
     for a in range(0, fours, 4):
-        unwhiten_four(L, parent, out[a : a + 4])
+        unwhiten_four(L, parent, moved, out[a : a + 4])
     for a in range(fours, m):
         unwhiten(L, parent, out[a])
 
@@ -295,7 +297,7 @@ class TreeMetric:
     hinges: Array | None = None
 
     def __init__(self, mass: Array, parent: Array, friction: Array | None = None) -> None:
-        self.lower, self.parent, self.friction = np.empty(mass.shape), parent, friction
+        self.lower, self.parent, self.friction = np.zeros(mass.shape), parent, friction
         bad = factor_mass(mass, 0.0, np.zeros(len(parent)), parent, self.lower)
         if bad:
             raise _indefinite(bad, len(parent))

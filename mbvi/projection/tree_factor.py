@@ -64,18 +64,23 @@ def unwhiten(L: Array, parent: Array, x: Array) -> None:
         x[k] = y / L[k, k]
 
 
-@kernel("void(f8[:,::1], i8[::1], f8[:,::1])")
-def unwhiten_four(L: Array, parent: Array, x: Array) -> None:
-    """Overwrite each row of x, shape (4, nv), by L^-1 times it: four sums side by side wait less for each other."""
+@kernel("void(f8[:,::1], i8[::1], b1[::1], f8[:,::1])")
+def unwhiten_four(L: Array, parent: Array, moved: Array, x: Array) -> None:
+    """Overwrite each row of x, shape (4, nv), by L^-1 times it: four sums side by side wait less for each other.
+
+    `moved`, shape (nv,), receives which velocities move, or are carried by some that do: the others stay zero.
+    """
     for k in range(x.shape[1]):
         a, b, c, d = x[0, k], x[1, k], x[2, k], x[3, k]
         i = parent[k]
-        while i >= 0:
-            part = L[k, i]
-            a, b, c, d = a - part * x[0, i], b - part * x[1, i], c - part * x[2, i], d - part * x[3, i]
-            i = parent[i]
-        part = L[k, k]
-        x[0, k], x[1, k], x[2, k], x[3, k] = a / part, b / part, c / part, d / part
+        moved[k] = a != 0.0 or b != 0.0 or c != 0.0 or d != 0.0 or (i >= 0 and moved[i])
+        if moved[k]:
+            while i >= 0:
+                part = L[k, i]
+                a, b, c, d = a - part * x[0, i], b - part * x[1, i], c - part * x[2, i], d - part * x[3, i]
+                i = parent[i]
+            part = L[k, k]
+            x[0, k], x[1, k], x[2, k], x[3, k] = a / part, b / part, c / part, d / part
 
 
 @kernel("f8(f8[::1])")

@@ -285,9 +285,10 @@ def interleave(rng):
     return rng.normal(size=(m, nv)), rng.normal(size=(2 * m, nv)), np.full((3 * m, nv), np.nan)
 
 
-def wide_speeds(rng):
-    wide = rng.normal(size=(3 * int(rng.integers(0, 4)), 5))
-    return wide, rng.normal(size=5), np.full(len(wide), np.nan)
+def row_speeds(rng):
+    """The first of some rows."""
+    rows, count = rng.normal(size=(9, 5)), int(rng.integers(0, 10))
+    return rows, rng.normal(size=5), float(rng.choice([1.0, 1e-3])), np.full(count, np.nan)
 
 
 def write_closing_speeds(rng):
@@ -350,7 +351,7 @@ COULOMB_ARGUMENTS = {
         solve_scaled,
         coulomb_law,
         interleave,
-        wide_speeds,
+        row_speeds,
         write_closing_speeds,
     )
 } | dict.fromkeys(("proximal_newton", "sweeps_and_newton", "quick_coulomb"), attempt)

@@ -103,15 +103,17 @@ def back(rng):
 
 
 def unwhiten_four(rng):
-    system, L = factor_of(rng)
-    return L, system._parent, rng.normal(size=(4, system.nv))
+    """Rows of which some move a few joints only."""
+    L, parent, x = whiten_four(rng)
+    return L, parent, np.zeros(len(parent), bool), x
 
 
 def whiten_four(rng):
     """Rows of which some touch a few joints only."""
-    L, parent, x = unwhiten_four(rng)
+    system, L = factor_of(rng)
+    x = rng.normal(size=(4, system.nv))
     x[:, rng.random(x.shape[1]) < 0.3] = 0.0
-    return L, parent, x
+    return L, system._parent, x
 
 
 def squared(rng):

@@ -426,7 +426,6 @@ CALLS = {
         (PAOLI, hopper, BOUNCY, 8), (DEFAULT, quadruped, RIGID, 9), (CENTERED, on_block, RIGID, 20),
     ],
     "copy_row": [(CENTERED, hopper, BOUNCY, 1), (DEFAULT, quadruped, ROUGH, 9), (CENTERED, hopper, ROUGH, 1)],
-    "row_speeds": [(CENTERED, hopper, BOUNCY, 1), (DEFAULT, quadruped, RIGID, 5), (CENTERED, quadruped, ROUGH, 3)],
     "take_near": [(DEFAULT, hopper, BOUNCY, 41), (DEFAULT, quadruped, RIGID, 70), (DEFAULT, hopper, ROUGH, 60)],
     "rows_in_the_middle": [(CENTERED, hopper, BOUNCY, 1), (CENTERED, on_block, RIGID, 9), (CENTERED, hopper, ROUGH, 5)],
     "may_bounce": [(DEFAULT, hopper, BOUNCY, 0), (DEFAULT, on_block, BOUNCY, 9), (DEFAULT, quadruped, RIGID, 5)],

@@ -6,6 +6,7 @@ import numpy as np
 
 from ...compiled import kernel
 from ..metric import Array
+from ..row_speeds import row_speeds
 from ..tree import advance_by, factor, is_damped, solve
 from .law import coulomb_law
 
@@ -20,17 +21,6 @@ def interleave(J: Array, T: Array, wide: Array) -> None:
     for a in range(m):
         for k in range(n):
             wide[3 * a, k], wide[3 * a + 1, k], wide[3 * a + 2, k] = J[a, k], T[2 * a, k], T[2 * a + 1, k]
-
-
-@kernel("void(f8[:,::1], f8[::1], f8[::1])")
-def wide_speeds(wide: Array, v: Array, speeds: Array) -> None:
-    """Write the rates of rows at a velocity, shape (3 m,)."""
-    n, nv = wide.shape
-    for i in range(n):
-        speed = 0.0
-        for k in range(nv):
-            speed += wide[i, k] * v[k]
-        speeds[i] = speed
 
 
 @kernel(
@@ -88,7 +78,7 @@ def frictional_tree_law(
     interleave(J, T, wide)
     solve(L, parent, wide, W, A)
     before, lower, table, case = np.empty(n), np.empty(n), np.empty((3, n)), np.empty(m, np.int64)
-    wide_speeds(wide, v, before)
+    row_speeds(wide, v, 1.0, before)
     for i in range(n):
         own = drift[i] if len(drift) else 0.0
         before[i] += own

@@ -6,6 +6,7 @@ import numpy as np
 
 from ...compiled import kernel
 from ..metric import Array
+from ..row_speeds import row_speeds
 from .few_contacts import MOST_CONTACTS, couples_weakly, independent_rows, solve_coulomb
 from .newton import OPEN, STICK, find_cases, resume_newton, tangential_scale
 from .one_contact import closing_order, coulomb_defect, sweep_contacts
@@ -45,13 +46,20 @@ def delassus(J: Array, A: Array, mu: Array, bound: Array, G: Array, scale: Array
     bounded by others have the scale of their longer tangent.
     """
     m, nv = len(scale), J.shape[1]
+    moved = np.empty(nv, np.int64)
     for a in range(m):
-        i = 3 * a
+        i, count = 3 * a, 0
+        # a contact touches few of many bodies
+        for k in range(nv):
+            if J[i, k] != 0.0 or J[i + 1, k] != 0.0 or J[i + 2, k] != 0.0:
+                moved[count] = k
+                count += 1
         # its own block first: it gives the scale
         for c in range(a, -1, -1):
             j = 3 * c
             s00 = s01 = s02 = s10 = s11 = s12 = s20 = s21 = s22 = 0.0
-            for k in range(nv):
+            for n in range(count):
+                k = moved[n]
                 x, y, z = J[i, k], J[i + 1, k], J[i + 2, k]
                 f, g, h = A[j, k], A[j + 1, k], A[j + 2, k]
                 s00, s01, s02 = s00 + x * f, s01 + x * g, s02 + x * h
@@ -91,12 +99,9 @@ def apply_percussions(
         if p[i] != 0.0:
             for k in range(nv):
                 w[k] += table[0, i] * A[i, k]
+    row_speeds(J, w, 1.0, table[2])
     for i in range(n):
-        speed = 0.0
-        for k in range(nv):
-            speed += J[i, k] * w[k]
-        table[2, i] = speed
-        u[i] = (speed - lower[i]) * scale[i // 3]
+        u[i] = (table[2, i] - lower[i]) * scale[i // 3]
         if i % 3 == 0 and (mu[i // 3] < 0.0 or bound[i // 3] >= 0):
             # that of the velocity which has this percussion in any case
             table[0, i], u[i] = 0.0, 0.0
@@ -109,19 +114,20 @@ def free_speeds(J: Array, x: Array, lower: Array, mu: Array, table: Array) -> tu
 
     The arguments are those of `coulomb_law`.
     """
-    n, nv = J.shape
     closing, cancelled = False, 0.0
-    for i in range(n):
-        speed, terms = 0.0, 0.0
-        for k in range(nv):
-            speed += J[i, k] * x[k]
-            terms += abs(J[i, k] * x[k])
-        table[0, i], table[1, i], table[2, i] = 0.0, speed, speed
-        cancelled = max(cancelled, terms)
+    for i in range(0, len(J), 3):
+        # three sums side by side wait less for each other
+        a = b = c = e = f = g = 0.0
+        for k in range(J.shape[1]):
+            p, q, r = J[i, k] * x[k], J[i + 1, k] * x[k], J[i + 2, k] * x[k]
+            a, b, c, e, f, g = a + p, b + q, c + r, e + abs(p), f + abs(q), g + abs(r)
+        table[0, i] = table[0, i + 1] = table[0, i + 2] = 0.0
+        for row in (1, 2):
+            table[row, i], table[row, i + 1], table[row, i + 2] = a, b, c
+        cancelled = max(cancelled, e, f, g)
         # a speed within rounding of the terms that cancel in it closes nothing
-        closing = (
-            closing or (i % 3 == 0 and not speed >= lower[i] - 1e-13 * terms) or (mu[i // 3] < 0.0 and speed != 0.0)
-        )
+        closing = closing or not a >= lower[i] - 1e-13 * e
+        closing = closing or (mu[i // 3] < 0.0 and (a != 0.0 or b != 0.0 or c != 0.0))
     return closing, cancelled
 
 

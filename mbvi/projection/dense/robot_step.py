@@ -9,6 +9,7 @@ import numpy as np
 
 from ...compiled import kernel
 from ..metric import Array
+from ..row_speeds import row_speeds
 from ..tree import advance_by, factor, is_damped, solve
 from .goldfarb_idnani import LAST_DIGITS, goldfarb_idnani, start_from
 from .orthonormal_rows import solve_lower, solve_upper
@@ -262,12 +263,10 @@ def newton_law(J: Array, v: Array, e: Array, opened: Array, lower: Array, rates:
     rates : ndarray, shape (4, m)
         Receives J v in its last row.
     """
-    m, n = J.shape
-    for a in range(m):
-        speed = 0.0
-        for k in range(n):
-            speed += J[a, k] * v[k]
-        rates[3, a], lower[a] = speed, -e[a] * speed
+    row_speeds(J, v, 1.0, rates[3])
+    for a in range(len(J)):
+        speed = rates[3, a]
+        lower[a] = -e[a] * speed
         # what closes within the step by its own speed has its impact now
         if len(opened) and opened[a] > 0.0 and speed > -opened[a]:
             lower[a] = min(lower[a], -opened[a])

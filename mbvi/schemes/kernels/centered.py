@@ -7,6 +7,7 @@ from ...constraints.mechanism.rows import active_rows, write_gradients
 from ...constraints.mechanism.tables import FOUND, RowBuffer, copy_row
 from ...constraints.rows import mutual_nearest
 from ...projection.positions.travel import largest_bend
+from ...projection.row_speeds import row_speeds
 from ...system.free.spinning import remove_spin_effects
 from ...system.mechanisms.mechanism import evaluate_nonlinear_effects, glide, place, weigh
 from ...system.system import Array
@@ -16,16 +17,6 @@ from ..tangent_velocity import make_tangent
 from .joint_friction import apply_joint_friction
 from .phases import act, apply_law, move_freely
 from .records import DONE, UNSOLVED, MechanismStep
-
-
-@kernel("void(f8[:,::1], f8[::1], f8, f8[::1])")
-def row_speeds(J: Array, v: Array, time: float, change: Array) -> None:
-    """Write by how much the gaps of the first rows change within a time, shape (k,)."""
-    for a in range(len(change)):
-        speed = 0.0
-        for k in range(len(v)):
-            speed += J[a, k] * v[k]
-        change[a] = time * speed
 
 
 @kernel("i8(RowBuffer, f8, f8, f8[::1], RowBuffer, b1[::1])")

@@ -18,8 +18,8 @@ from ...projection.coulomb.friction import AIM, EXACT
 from ...projection.coulomb.frictional_step import frictional_tree_law
 from ...projection.coulomb.law import COMPLIANT, NOTHING, UNIQUE
 from ...projection.dense.fused_step import FEW
-from ...projection.dense.orthonormal_rows import inner
 from ...projection.dense.robot_step import newton_law, tree_law
+from ...projection.row_speeds import row_speeds
 from ...projection.tree import advance_by
 from ...system.control_table import write_torque
 from ...system.free.spinning import spin_effects
@@ -112,21 +112,34 @@ def apply_law_with_joints(s: MechanismStep, v: Array, h: float, twice: bool, ope
     return code
 
 
+@kernel("void(MechanismStep, RowBuffer, f8[::1])")
+def write_rates(s: MechanismStep, rows: RowBuffer, v: Array) -> None:
+    """Write the rates of rows under forces alone, after and before the law; v, shape (nv,), is the velocity before."""
+    k = rows.size[0]
+    row_speeds(rows.J, s.room.free, 1.0, s.rates[k : 2 * k])
+    row_speeds(rows.J, s.v, 1.0, s.rates[2 * k : 3 * k])
+    row_speeds(rows.J, v, 1.0, s.rates[3 * k : 4 * k])
+    if len(rows.T) > 0:
+        row_speeds(rows.T, s.room.free, 1.0, s.slip[2 * k : 4 * k])
+        row_speeds(rows.T, s.v, 1.0, s.slip[4 * k : 6 * k])
+        row_speeds(rows.T, v, 1.0, s.slip[6 * k : 8 * k])
+    if len(rows.R) > 0:
+        row_speeds(rows.R, s.room.free, 1.0, s.turn[3 * k : 6 * k])
+        row_speeds(rows.R, s.v, 1.0, s.turn[6 * k : 9 * k])
+        row_speeds(rows.R, v, 1.0, s.turn[9 * k : 12 * k])
+
+
 @kernel("void(MechanismStep, RowBuffer, f8[::1], f8[:,::1])")
 def write_rates_of(s: MechanismStep, rows: RowBuffer, v: Array, p: Array) -> None:
     """Write percussions p, shape (k, 6), and the rates of rows under forces alone, after and before the law."""
-    k, free = rows.size[0], s.room.free
+    k = rows.size[0]
     for a in range(k):
-        s.rates[a], J = p[a, 0], rows.J[a]
-        s.rates[k + a], s.rates[2 * k + a], s.rates[3 * k + a] = inner(J, free), inner(J, s.v), inner(J, v)
+        s.rates[a] = p[a, 0]
         for c in range(2 if len(rows.T) > 0 else 0):
-            i, T = 2 * a + c, rows.T[2 * a + c]
-            s.slip[i], s.slip[2 * k + i] = p[a, 1 + c], inner(T, free)
-            s.slip[4 * k + i], s.slip[6 * k + i] = inner(T, s.v), inner(T, v)
+            s.slip[2 * a + c] = p[a, 1 + c]
         for c in range(3 if len(rows.R) > 0 else 0):
-            i, R = 3 * a + c, rows.R[3 * a + c]
-            s.turn[i], s.turn[3 * k + i] = p[a, 3 + c], inner(R, free)
-            s.turn[6 * k + i], s.turn[9 * k + i] = inner(R, s.v), inner(R, v)
+            s.turn[3 * a + c] = p[a, 3 + c]
+    write_rates(s, rows, v)
 
 
 @kernel("i8(MechanismStep, f8[::1], f8, b1, f8[::1])")

@@ -7,12 +7,12 @@ import numpy as np
 from ...compiled import kernel
 from ...constraints.mechanism.rows import active_rows
 from ...constraints.mechanism.tables import FOUND
+from ...projection.row_speeds import row_speeds
 from ...projection.tree import factor
 from ...system.mechanisms.mechanism import carry, place
 from ...system.mechanisms.pinocchio_address import retract
 from ...system.system import Array
-from .centered import row_speeds
-from .phases import evaluate_forces, move_freely
+from .phases import evaluate_forces, move_freely, write_rates
 from .records import BOUNCES, DONE, UNSOLVED, MechanismStep
 from .stewart_trinkle_velocity import displacing_velocity, project_bounds
 
@@ -36,23 +36,6 @@ def reach_of(s: MechanismStep, q: Array, displacement: Array) -> float:
             moved += (end[body, 3, c] - m.poses[body, 3, c]) ** 2
         most = max(most, np.sqrt(moved) + s.scales.length * np.sqrt(turned))
     return 2.0 * most + s.scales.tolerance
-
-
-@kernel("void(MechanismStep, f8[::1])")
-def write_rates(s: MechanismStep, v: Array) -> None:
-    """Write the rates of the rows under forces alone, after and before; v, shape (nv,), is the velocity before."""
-    rows, k = s.rows, s.rows.size[0]
-    row_speeds(rows.J, s.room.free, 1.0, s.rates[k : 2 * k])
-    row_speeds(rows.J, s.v, 1.0, s.rates[2 * k : 3 * k])
-    row_speeds(rows.J, v, 1.0, s.rates[3 * k : 4 * k])
-    if len(s.slip):
-        row_speeds(rows.T, s.room.free, 1.0, s.slip[2 * k : 4 * k])
-        row_speeds(rows.T, s.v, 1.0, s.slip[4 * k : 6 * k])
-        row_speeds(rows.T, v, 1.0, s.slip[6 * k : 8 * k])
-    if len(s.turn):
-        row_speeds(rows.R, s.room.free, 1.0, s.turn[3 * k : 6 * k])
-        row_speeds(rows.R, s.v, 1.0, s.turn[6 * k : 9 * k])
-        row_speeds(rows.R, v, 1.0, s.turn[9 * k : 12 * k])
 
 
 @kernel("b1(MechanismStep, f8[::1])")
@@ -121,7 +104,7 @@ def stewart_trinkle_step(s: MechanismStep, t: float, q: Array, v: Array, h: floa
     if removes and project_bounds(s, bound, lower, h) != DONE:
         return UNSOLVED
     s.residual[0] = max(s.residual[0], residual)
-    write_rates(s, v)
+    write_rates(s, rows, v)
     for a in range(k):
         rows.gap[a] = gap[a]
     return DONE

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from ...compiled import kernel
-from ...constraints.mechanism.tables import copy_row
+from ...constraints.mechanism.tables import RowBuffer, copy_row
 from ...projection.dense.fused_step import FEW
 from ...projection.dense.robot_step import solve_active_set
+from ...projection.row_speeds import row_speeds
 from ...projection.tree import solve
 from ...system.system import Array
 from ..step import STILL
-from .centered import row_speeds
 from .joint_friction import bounded_coulomb, joints_with_friction
 from .records import DONE, UNSOLVED, MechanismStep
 
@@ -53,12 +53,12 @@ def write_bounds(s: MechanismStep, v: Array, h: float, bound: Array, lower: Arra
     return bounces
 
 
-@kernel("i8(MechanismStep, b1[::1], f8)")
-def project_bounds_with_friction(s: MechanismStep, bound: Array, h: float) -> int:
-    """Write the same by Coulomb's law, for the rows `s.middle` that bear their bounds in place of their gaps."""
-    some, k, i = s.middle, s.middle.size[0], 0
+@kernel("i8(MechanismStep, RowBuffer, f8[::1], b1[::1], f8)")
+def project_bounds_with_friction(s: MechanismStep, some: RowBuffer, least: Array, bound: Array, h: float) -> int:
+    """Write the same by Coulomb's law, for the rows that have a bound and their least rates."""
+    k, i = some.size[0], 0
     p = np.empty((k, 6))
-    code = bounded_coulomb(s, some, s.room.free, some.gap[:k].copy(), h, s.scales.residual, s.v, p)
+    code = bounded_coulomb(s, some, s.room.free, least, h, s.scales.residual, s.v, p)
     if code != DONE:
         return code
     for a in range(s.rows.size[0]):
@@ -88,20 +88,26 @@ def project_bounds(s: MechanismStep, bound: Array, lower: Array, h: float) -> in
     h : float
         Time step [s].
     """
-    rows, some, room, memory, rough = s.rows, s.middle, s.room, s.memory, 0.0
-    some.size[0] = 0
+    rows, room, memory, rough, every = s.rows, s.room, s.memory, 0.0, True
     for a in range(rows.size[0]):
-        s.rates[a] = 0.0
-        if bound[a]:
-            # these rows bear their bounds in place of their gaps
-            copy_row(rows, a, some)
-            some.gap[some.size[0] - 1], rough = lower[a], max(rough, rows.mu[a])
+        s.rates[a], every = 0.0, every and bound[a]
+        rough = max(rough, rows.mu[a] if bound[a] else 0.0)
+    some, least = rows, lower
+    if not every:
+        some, least = s.middle, s.middle.gap
+        some.size[0] = 0
+        for a in range(rows.size[0]):
+            if bound[a]:
+                # these rows bear their bounds in place of their gaps
+                copy_row(rows, a, some)
+                least[some.size[0] - 1] = lower[a]
+        least = least[: some.size[0]].copy()
     for i in range(2 * rows.size[0] if len(s.slip) else 0):
         s.slip[i] = 0.0
     for i in range(3 * rows.size[0] if len(s.turn) else 0):
         s.turn[i] = 0.0
     if rough > 0.0 or joints_with_friction(s.mechanism.friction) > 0:
-        return project_bounds_with_friction(s, bound, h)
+        return project_bounds_with_friction(s, some, least, bound, h)
     k, x = some.size[0], room.free
     if k == 0:
         for j in range(len(x)):
@@ -111,7 +117,7 @@ def project_bounds(s: MechanismStep, bound: Array, lower: Array, h: float) -> in
     J, W, A, table = some.J[:k], room.W[:k], room.A[:k], room.table[: 3 * k].reshape((3, k))
     solve(room.L, s.mechanism.parent, J, W, A)
     last, limit = memory.percussion[: memory.size[0]], 0.0 if k <= FEW else 1e-3 * s.scales.residual
-    found = solve_active_set(J, A, W, x, some.gap[:k], last, limit, s.v, table)
+    found = solve_active_set(J, A, W, x, least, last, limit, s.v, table)
     # written so that a NaN is refused too
     if not 0.0 <= found < np.inf:
         return UNSOLVED

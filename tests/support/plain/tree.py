@@ -15,17 +15,27 @@ def factor_mass_plain(mass: Array, h: float, damping: Array, parent: Array, L: A
     if not np.isfinite(M).all():
         return 1
     try:
-        L[:n] = np.linalg.cholesky(M[::-1, ::-1]).T[::-1, ::-1]
+        dense = np.linalg.cholesky(M[::-1, ::-1]).T[::-1, ::-1]
     except np.linalg.LinAlgError:
         return 1
+    for k in range(n):
+        i = k
+        while i >= 0:
+            L[k, i] = dense[k, i]
+            i = parent[i]
     return 0
+
+
+def _whole(L: Array, n: int) -> Array:
+    """Return the factor with zeros in the entries that are not written."""
+    return np.nan_to_num(L[:n])
 
 
 def factor_plain(mass: Array, h: float, damping: Array, parent: Array, L: Array) -> int:
     """Write the same, and behind it an orthonormal basis of the whitened rows of equalities."""
     bad, n = factor_mass_plain(mass, h, damping, parent, L), len(parent)
     if not bad and len(mass) > n:
-        _, sizes, axes = np.linalg.svd(np.linalg.solve(L[:n].T, mass[n:].T).T, full_matrices=False)
+        _, sizes, axes = np.linalg.svd(np.linalg.solve(_whole(L, n).T, mass[n:].T).T, full_matrices=False)
         L[n:] = 0.0
         L[n : n + len(axes)] = np.where(sizes[:, None] > 1e-9 * sizes[0], axes, 0.0)
     return bad
@@ -65,7 +75,7 @@ def advance_plain(
         ends = [v]
         for _ in range(4):
             w = ends[-1]
-            ends.append(w + np.linalg.solve(L[:n].T @ L[:n], time * (torque - effects - damping * w)))
+            ends.append(w + np.linalg.solve(_whole(L, n).T @ _whole(L, n), time * (torque - effects - damping * w)))
         out[:] = ends[1]
         if time != h:
             before, last = 2.0 * (ends[3] - ends[2]), 2.0 * (ends[4] - ends[3])
@@ -74,5 +84,5 @@ def advance_plain(
         if len(L) > n:
             # of a centred step the mean velocity keeps the equalities
             start = v if twice else np.zeros(n)
-            out[:] = np.linalg.solve(L[:n], _held(L, L[:n] @ (out + start))) - start
+            out[:] = np.linalg.solve(_whole(L, n), _held(L, _whole(L, n) @ (out + start))) - start
     return bad
