@@ -64,6 +64,8 @@ class Sleepers:
     ----------
     any : bool
         Whether the problem has bodies that may sleep.
+    undisturbed : bool
+        Whether nothing moved in the last step of `stepped`, and nothing can in the next: state and rows stay the same.
     """
 
     def __init__(self, problem: Problem, h: float, projector: Projector) -> None:
@@ -72,7 +74,7 @@ class Sleepers:
         self._kept: _Island | None = None
         # the largest speed that was removed, where it was more than rounding [m/s]
         self._removed = 0.0
-        system = problem.system
+        system, self.undisturbed = problem.system, False
         # only free bodies can sleep, and a scene has at most one system of them
         holding = [(p.system, p.v, p.body) for p in located_parts(system) if p.system.can_hold]
         wanted = problem.scene is not None and "rest" in problem.scene.reduce
@@ -83,6 +85,8 @@ class Sleepers:
         self._system, self._first_velocity, self._first_body = holding[0]
         self._count = len(self._system.bodies) - 1
         self._width = self._system.nv // self._count
+        self._alone = self._system.nv == system.nv
+        self._closed = self._alone and not (system.loaded or problem.constraints.moving)
         self._units = velocity_units(self._system, problem.length)[: self._width] / problem.length
         fall = h * self._system.pull * self._units
         self._still = _REST * fall
@@ -112,6 +116,14 @@ class Sleepers:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        self.wake()
+
+    def all_still(self, state: Step) -> bool:
+        """Return whether nothing but bodies that may sleep can move, and all of them are at rest."""
+        return self._alone and bool((np.abs(self._of_bodies(state.v)) <= self._slow).all())
+
+    def wake(self) -> None:
+        """Wake all bodies."""
         if self._islands:
             self._set([])
 
@@ -124,9 +136,10 @@ class Sleepers:
                 break
             self._set([island for island in self._islands if not touched[island.bodies].any()])
             found = list(advance())
-        kept = self._kept
+        kept, whole = self._kept, len(found) == 1 and length == self._h
+        self.undisturbed = self._closed and whole and bool(self._asleep.all())
         # only a whole step is tested, because the percussions of sleeping contacts are kept for that length
-        if len(found) == 1 and length == self._h:
+        if whole:
             self._find_resting(found[0])
         if kept is None:
             return found
@@ -208,7 +221,7 @@ class Sleepers:
 
     def _set(self, islands: list[_Island]) -> None:
         """Make these islands, and no others, the sleeping ones."""
-        self._islands = islands
+        self._islands, self.undisturbed = islands, False
         self._asleep[:] = False
         for island in islands:
             self._asleep[island.bodies] = True

@@ -362,6 +362,18 @@ def test_a_step_of_several_bodies_is_that_of_the_scheme(scene, mu, scheme):
 
 
 @pytest.mark.parametrize("mu", [0.0, 0.6])
+@pytest.mark.parametrize("scheme", [SCHEMES[-1], mbvi.StewartTrinkle()], ids=repr)
+def test_a_step_of_many_balls_is_that_of_the_scheme(mu, scheme):
+    scene = mbvi.Scene(restitution=0.3, friction=mu)
+    scene.add_halfspace((0, 0, 1), name="floor")
+    scene.add_box((0.4, 0.4, 0.1), 2.0, position=(0.2, 0.2, 0.05), name="box")
+    for k in range(14):
+        place = (0.21 * (k % 3) + 0.03 * (k // 9), 0.21 * (k // 3 % 3), 0.23 + 0.22 * (k // 9))
+        scene.add_sphere(0.1, 0.5, position=place, velocity=(0.3, 0.1 * k, -0.5))
+    assert share_that_agrees(scene.build(), scheme, 80, SPREAD) == 1.0
+
+
+@pytest.mark.parametrize("mu", [0.0, 0.6])
 @pytest.mark.parametrize("scene", SEVERAL)
 def test_a_step_of_several_bodies_that_have_sunk_is_that_of_the_scheme(scene, mu):
     """Rows that join the law of free bodies act where it does, also those of spheres among each other."""

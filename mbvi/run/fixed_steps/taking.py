@@ -23,6 +23,10 @@ from ..sleeping import Sleepers
 from ..tunnelling import TunnellingGuard
 from .switching import Switching
 
+# steps of the loop after which it is looked whether all bodies rest, and up to which velocities they are not looked at:
+# one body costs no more in the loop than asleep
+_WATCHED, _FEW = 128, 6
+
 
 class Plan(NamedTuple):
     """The steps of a run.
@@ -114,17 +118,21 @@ class FixedSteps:
         with Sleepers(problem, h, projector) as sleepers, failures_with_time(problem, h, lambda: state):
             observe, next_poll, fast, last_length = observed(guard, state), 0.0, True, 0.0
             loop = compiled_loop(problem, scheme, projector, recorder, guard, h, every, total)
+            watched, resting = loop is not None and sleepers.any and problem.system.nv > _FEW, False
             while done < total:
                 complete = False
-                if loop is not None and done < whole:
+                if loop is not None and done < whole and not resting:
                     # a function of the user is asked after every step
-                    state, done, complete = loop.run(state, done, whole if switching is None else done + 1)
+                    most = 1 if switching is not None else _WATCHED if watched else whole
+                    state, done, complete = loop.run(state, done, min(whole, done + most))
                     fast = not state.v.dot(state.v) < guard.limit
                 if not complete:
                     i = done = done + 1
                     t, length = problem.t0 + (i - 1) * h, h if i <= whole else last
                     # bodies fall asleep only where the loop has left many steps in a row to Python
-                    if sleepers.any and (loop is None or loop.idle):
+                    if sleepers.undisturbed and length == h:
+                        parts, new = [], state._replace(t=t + h)
+                    elif sleepers.any and (loop is None or loop.idle or resting):
                         *parts, new = sleepers.stepped(
                             partial(_advanced, solved, guard, t, state, last_length, length, projector), length
                         )
@@ -148,6 +156,10 @@ class FixedSteps:
                         last_length = state.t - parts[-1].t if parts else length
                         observe(state, last_length)
                     recorder.step(state, i % every == 0 or i == total)
+                if watched and not sleepers.undisturbed:
+                    resting = sleepers.all_still(state)
+                    if not resting:
+                        sleepers.wake()
                 if switching is not None and done < total:
                     switched = switching.asked(problem, state, h)
                     if switched:

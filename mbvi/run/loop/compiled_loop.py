@@ -295,7 +295,7 @@ def compiled_loop(
 ) -> CompiledLoop | None:  # fmt: skip
     """Return the loop of a run, or None if its steps are Python's: see docs/developer/architecture.md."""
     loop = loop_of(scheme)
-    if loop is None or not is_compiled(problem, scheme) or projector.solver or projector.accepted is not None:
+    if loop is None or not is_compiled(problem, scheme) or projector.solver:
         return None
     mechanism = joined(problem.system).mechanism()
     if mechanism is None:

@@ -9,6 +9,7 @@ import numpy as np
 from ...compiled import held
 from ...constraints.mechanism.state import can_be_compiled, has_given_rows
 from ...problem import Problem
+from ...projection.coulomb.few_contacts import MOST_CONTACTS
 from ...schemes import Scheme
 from ...system import HingedSystem
 from ...system.control_table import TRACKING, ControlTable, no_control, side_by_side, tracking
@@ -18,23 +19,38 @@ from ...system.mechanisms.joined import can_be_joined
 from ...system.system import Array, Part, System, located_parts, parts_of
 from .step_loop import Loop, loop_with
 
-# most velocities of free bodies, and most with friction: more of them cost so much at rest, when Python lets them
-# sleep, that this is not made up for while they move
+# most velocities of free bodies, and most with friction: of more, laws take so long that steps of sparse rows are
+# cheaper, unless few points can touch: of bodies that all lie on one face at most so many
 _MOST_FREE, _MOST_ROUGH = 60, 36
+_MOST_WITH_FEW_POINTS, _POINTS, _ROUGH_POINTS = 160, 64, MOST_CONTACTS
+# points of a shape that can touch one face; of a hull with more corners on a face, more would be rare
+_POINTS_OF_SHAPE = 4
 
 
 def is_compiled(problem: Problem, scheme: Scheme) -> bool:
     """Return whether the loop takes the steps of a scheme; the projections may still be such that it does not."""
     system = problem.system
     loop = loop_of(scheme)
-    if loop is None or problem.energy_cap or system.sparse or not can_be_joined(system):
+    if loop is None or problem.energy_cap or not can_be_joined(system):
         return False
     if isinstance(system, HingedSystem):
         return False
-    most = _MOST_ROUGH if problem.constraints.frictional else _MOST_FREE
-    if sum(part.nv for part in parts_of(system) if part.free_bodies) > most:
-        return False
-    return can_be_compiled(problem.constraints)
+    bodies = sum(part.nv for part in parts_of(system) if part.free_bodies)
+    rough = problem.constraints.frictional
+    few = bodies <= (_MOST_ROUGH if rough else _MOST_FREE) or (
+        bodies <= _MOST_WITH_FEW_POINTS and _points(problem) <= (_ROUGH_POINTS if rough else _POINTS)
+    )
+    return few and can_be_compiled(problem.constraints)
+
+
+def _points(problem: Problem) -> float:
+    """Return how many points of free bodies can touch faces at once; infinite where shapes are not known."""
+    if problem.scene is None:
+        return np.inf
+    parts = [part for part in located_parts(problem.system) if part.system.free_bodies]
+    free = {body for part in parts for body in range(part.body + 1, part.body + len(part.system.bodies))}
+    shapes = [placed.shape for placed in problem.scene.shapes if placed.body in free]
+    return sum(min(len(shape.support_points()[0]), _POINTS_OF_SHAPE) for shape in shapes)
 
 
 def is_compiled_on_copies(problem: Problem, scheme: Scheme) -> bool:

@@ -160,10 +160,11 @@ class BodyForce(_Force):
         """See `Load`."""
         place = self._place
         force, moment = self._given(t, q, v, (*place.shape_q[:-1], 6))
-        own = np.empty((len(force), 6))
+        own = np.zeros((len(force), 6))
         own[:, :3] = force
-        # angular velocities are in the bodies' axes
-        own[:, 3:] = np.vecmat(moment, matrices(q[place.q].reshape(-1, 7)[:, 3:]))
+        if moment.any():
+            # angular velocities are in the bodies' axes
+            own[:, 3:] = np.vecmat(moment, matrices(q[place.q].reshape(-1, 7)[:, 3:]))
         total[place.v] += (own if place.lift is None else np.vecmat(own, place.lift)).ravel()
 
 
