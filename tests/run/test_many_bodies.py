@@ -112,7 +112,7 @@ def test_a_wall_that_begins_to_move_late_strikes_a_box_that_rests():
     scene.add_halfspace((1, 0, 0), -0.2, motion=Piston(), name="piston")
     built = dropped_boxes(3, scene=scene)
     run = mbvi.simulate(built, mbvi.Centered(project_positions=True), step=STEP, duration=1.0, progress=False)
-    # it has gone from -0.2 m to 0, and pushes the box, whose face is 0.05 m from its centre; when they met is known to h
+    # it has gone from -0.2 m to 0, and pushes the box by a face 0.05 m from its centre, since some time in a step
     np.testing.assert_allclose(run.q[-1, 0], 0.05, rtol=0.0, atol=0.5 * STEP)
     np.testing.assert_allclose(run.v[-1, 0], 0.5, rtol=0.0, atol=1e-12)
     np.testing.assert_allclose(run.q[-1].reshape(3, 7)[1:, 0], [0.3, 0.6], rtol=0.0, atol=1e-9)
