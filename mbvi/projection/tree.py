@@ -112,7 +112,7 @@ def advance_keeping(
     changes: Array, out: Array,
 ) -> int:  # fmt: skip
     """Do what `advance_by` does at order 2 with damping and equalities: each E keeps these."""
-    n, time, change, loss = len(v), 0.5 * h, changes[0], changes[1]
+    n, time, change, loss, damped = len(v), 0.5 * h, changes[0], changes[1], np.empty(mass.shape)
     bad = factor(mass, 0.0, damping, parent, L)
     if bad:
         return bad
@@ -120,20 +120,21 @@ def advance_keeping(
         out[k] = v[k]
     # E acts on the part of v that keeps the equalities, and of the other the mean over the step is zero
     keep_equalities(L, parent, out)
-    bad = factor(mass, time, damping, parent, L)
+    bad = factor(mass, time, damping, parent, damped)
     if bad:
         return bad
     for k in range(n):
         change[k] = time * (torque[k] - effects[k] - damping[k] * out[k])
         out[k] = 2.0 * out[k] - v[k]
-    solve_keeping(L, parent, change)
+    solve_keeping(damped, parent, change)
     for i in range(4):
         for k in range(n):
             out[k] += change[k] if i < 3 else -change[k]
             loss[k] = time * damping[k] * change[k]
-        solve_keeping(L, parent, loss)
-        for k in range(n):
-            change[k] -= loss[k]
+        if i < 3:
+            solve_keeping(damped, parent, loss)
+            for k in range(n):
+                change[k] -= loss[k]
     return 0
 
 
@@ -155,7 +156,8 @@ def advance_by(
     twice : bool
         Whether D acts at order 2 instead of 1; see Notes.
     L : ndarray, shape (nv + m, nv)
-        Receives the factor of M + h D, at order 2 of M + h D / 2; without damping both are that of M.
+        Receives the factor of M + h D, at order 2 of M + h D / 2, and that of M at order 2 with equalities; see
+        `factor_again`.
     changes : ndarray, shape (2, nv)
         Room.
 
@@ -205,6 +207,14 @@ def advance_by(
         for k in range(n if twice else 0):
             out[k] -= v[k]
     return 0
+
+
+@kernel("i8(f8[:,::1], f8[::1], i8[::1], b1, f8[:,::1])")
+def factor_again(mass: Array, damping: Array, parent: Array, twice: bool, L: Array) -> int:
+    """Write the factor of M where `advance_by` with the same arguments has left another one; return as `factor`."""
+    if not is_damped(damping) or (twice and len(L) > len(parent)):
+        return 0
+    return factor(mass, 0.0, damping, parent, L)
 
 
 def advance(

@@ -95,32 +95,40 @@ def squared(x: Array) -> float:
     return (a + b) + (c + d)
 
 
-@kernel("void(f8[:,::1], f8[::1], f8[::1])")
-def remove_parts(Q: Array, row: Array, parts: Array) -> None:
-    """Subtract from a row, shape (n,), its parts along orthonormal rows Q, shape (m, n), and write these parts.
+@kernel("UniTuple(f8, 4)(f8[:,::1], i8, f8[::1])")
+def remove_four(Q: Array, j: int, row: Array) -> tuple[float, float, float, float]:
+    """Subtract from a row, shape (n,), its parts along four orthonormal rows of Q from row j on; return these parts.
 
     Four sums side by side wait less for each other.
     """
-    m, n = Q.shape
-    fours = m - m % 4
-    for j in range(0, fours, 4):
-        a = b = c = d = 0.0
-        for k in range(n):
-            x = row[k]
-            a, b, c, d = a + Q[j, k] * x, b + Q[j + 1, k] * x, c + Q[j + 2, k] * x, d + Q[j + 3, k] * x
-        parts[j], parts[j + 1], parts[j + 2], parts[j + 3] = a, b, c, d
-    for j in range(fours, m):
-        a = 0.0
-        for k in range(n):
-            a += Q[j, k] * row[k]
-        parts[j] = a
-    for j in range(0, fours, 4):
-        a, b, c, d = parts[j], parts[j + 1], parts[j + 2], parts[j + 3]
-        for k in range(n):
-            row[k] -= a * Q[j, k] + b * Q[j + 1, k] + c * Q[j + 2, k] + d * Q[j + 3, k]
-    for j in range(fours, m):
-        for k in range(n):
-            row[k] -= parts[j] * Q[j, k]
+    n, a, b, c, d = len(row), 0.0, 0.0, 0.0, 0.0
+    for k in range(n):
+        x = row[k]
+        a, b, c, d = a + Q[j, k] * x, b + Q[j + 1, k] * x, c + Q[j + 2, k] * x, d + Q[j + 3, k] * x
+    for k in range(n):
+        row[k] -= a * Q[j, k] + b * Q[j + 1, k] + c * Q[j + 2, k] + d * Q[j + 3, k]
+    return a, b, c, d
+
+
+@kernel("f8(f8[:,::1], i8, f8[::1])")
+def remove_one(Q: Array, j: int, row: Array) -> float:
+    """Subtract from a row, shape (n,), its part along row j of Q; return it."""
+    part = 0.0
+    for k in range(len(row)):
+        part += Q[j, k] * row[k]
+    for k in range(len(row)):
+        row[k] -= part * Q[j, k]
+    return part
+
+
+@kernel("void(f8[:,::1], f8[::1], f8[::1])")
+def remove_parts(Q: Array, row: Array, parts: Array) -> None:
+    """Subtract from a row, shape (n,), its parts along orthonormal rows Q, shape (m, n), and write these parts."""
+    m = len(Q)
+    for j in range(0, m - m % 4, 4):
+        parts[j], parts[j + 1], parts[j + 2], parts[j + 3] = remove_four(Q, j, row)
+    for j in range(m - m % 4, m):
+        parts[j] = remove_one(Q, j, row)
 
 
 @kernel("i8(f8[:,::1], i8[::1], f8, f8[:,::1], f8[:,::1])")
@@ -179,13 +187,11 @@ def span_equalities(mass: Array, parent: Array, least: float, L: Array, R: Array
 @kernel("void(f8[:,::1], f8[::1])")
 def subtract_equalities(L: Array, x: Array) -> None:
     """Subtract from whitened x, shape (nv,), its part along the equalities."""
-    n = len(x)
-    for i in range(n, len(L)):
-        part = 0.0
-        for k in range(n):
-            part += L[i, k] * x[k]
-        for k in range(n):
-            x[k] -= part * L[i, k]
+    n, m = len(x), len(L) - len(x)
+    for i in range(n, n + m - m % 4, 4):
+        remove_four(L, i, x)
+    for i in range(n + m - m % 4, n + m):
+        remove_one(L, i, x)
 
 
 @kernel("void(f8[:,::1], i8[::1], f8[::1])")

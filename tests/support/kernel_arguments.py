@@ -126,6 +126,18 @@ def remove_parts(rng):
     return Q, rng.normal(size=n), np.zeros(m + 1)
 
 
+def remove_four(rng):
+    Q = np.ascontiguousarray(np.linalg.qr(rng.normal(size=(8, 8)))[0][: int(rng.integers(4, 9))])
+    return Q, int(rng.integers(len(Q) - 3)), rng.normal(size=8)
+
+
+def factor_again(rng):
+    """Of a mechanism with another factor, which is damped or not."""
+    system, L = factor_of(rng)
+    damping = system.damping * rng.choice([0.0, 1.0])
+    return np.array(system._mass), damping, system._parent, bool(rng.random() < 0.5), 2.0 * L
+
+
 def solve(rng):
     system, L = factor_of(rng)
     rows = rng.normal(size=(rng.integers(0, 6), system.nv))
@@ -297,18 +309,38 @@ def tree_law(rng):
     return mass, *others, J, restitution(rng, m), opened(rng, m), last, 0.0, np.full(n, np.nan), np.full((4, m), np.nan)
 
 
+def law_of_rows(rng):
+    system, L = factor_of(rng)
+    x, v = rng.normal(size=(2, system.nv))
+    m = int(rng.integers(1, 5))
+    J, last = rng.normal(size=(m, system.nv)), percussions_before(rng, m)
+    out = np.full(system.nv, np.nan), np.full((4, m), np.nan)
+    return L, system._parent, x, v, J, restitution(rng, m), opened(rng, m), last, 0.0, *out
+
+
+def frictional_law_of_rows(rng):
+    system, L = factor_of(rng)
+    x, v = rng.normal(size=(2, system.nv))
+    return L, system._parent, x, v, *frictional_rows(rng, system.nv)
+
+
 def frictional_tree_law(rng):
     """Perhaps damped, with rates of walls, or with open contacts; some have no friction, now and then none has."""
     system, q, v = moving_robot(rng)
     mass, *others = forces(rng, system, q, v)
     if rng.random() < 0.1:
         mass[0, 0] = -1.0
-    m, n = int(rng.integers(1, 1 + max(1, system.nv // 3))), system.nv
+    return mass, *others, *frictional_rows(rng, system.nv)
+
+
+def frictional_rows(rng, n):
+    """From J on, the arguments of the laws with friction."""
+    m = int(rng.integers(1, 1 + max(1, n // 3)))
     J, T = rng.normal(size=(m, n)), rng.normal(size=(2 * m, n))
     drift = rng.normal(size=3 * m) if rng.random() < 0.3 else np.zeros(0)
     given = restitution(rng, m), drift, opened(rng, m), rng.choice([0.0, 0.5], size=m), 0, 1e-12
     out = np.full(n, np.nan), np.full((4, m), np.nan), np.full((4, m, 2), np.nan)
-    return mass, *others, J, T, *given, np.zeros(3 * m), *out
+    return J, T, *given, np.zeros(3 * m), *out
 
 
 def tangent_rows(rng):
@@ -1145,6 +1177,9 @@ ARGUMENTS = {
     "whiten_four": whiten_four,
     "squared": squared,
     "remove_parts": remove_parts,
+    "remove_four": remove_four,
+    "remove_one": remove_four,
+    "factor_again": factor_again,
     "solve": solve,
     "advance_by": advance_by,
     "is_damped": is_damped,
@@ -1167,7 +1202,9 @@ ARGUMENTS = {
     "scale_rows": scale_rows,
     "natural_residual": natural_residual,
     "tree_law": tree_law,
+    "law_of_rows": law_of_rows,
     "frictional_tree_law": frictional_tree_law,
+    "frictional_law_of_rows": frictional_law_of_rows,
     "tangent_rows": tangent_rows,
     "row": row,
     "turning_row": turning_row,

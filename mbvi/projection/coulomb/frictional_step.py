@@ -7,7 +7,7 @@ import numpy as np
 from ...compiled import kernel
 from ..metric import Array
 from ..row_speeds import row_speeds
-from ..tree import advance_by, factor, is_damped, solve
+from ..tree import advance_by, factor_again, solve
 from .law import coulomb_law
 
 # returned where no contact has friction
@@ -24,20 +24,21 @@ def interleave(J: Array, T: Array, wide: Array) -> None:
 
 
 @kernel(
-    "Tuple((f8, b1))(f8[:,::1], f8[::1], i8[::1], f8[::1], f8, f8[::1], f8[::1], b1, f8[:,::1], f8[:,::1], f8[::1], "
-    "f8[::1], f8[::1], f8[::1], i8, f8, f8[::1], f8[::1], f8[:,::1], f8[:,:,::1])"
+    "Tuple((f8, b1))(f8[:,::1], i8[::1], f8[::1], f8[::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1], "
+    "i8, f8, f8[::1], f8[::1], f8[:,::1], f8[:,:,::1])"
 )
-def frictional_tree_law(
-    mass: Array, damping: Array, parent: Array, v: Array, h: float, torque: Array, effects: Array, twice: bool,
-    J: Array, T: Array, e: Array, drift: Array, opened: Array, mu: Array, known: int, limit: float, start: Array,
-    w: Array, rates: Array, slip: Array,
+def frictional_law_of_rows(
+    L: Array, parent: Array, x: Array, v: Array, J: Array, T: Array, e: Array, drift: Array, opened: Array,
+    mu: Array, known: int, limit: float, start: Array, w: Array, rates: Array, slip: Array,
 ) -> tuple[float, bool]:  # fmt: skip
-    """Write the velocity that Coulomb's law gives, from the free motion of one mechanism; see `TreeFreeMotion`.
+    """Write the velocity that Coulomb's law gives for one mechanism.
 
     Parameters
     ----------
-    mass, damping, parent, v, h, torque, effects, twice
-        See `advance_by`.
+    L, parent
+        The factor of M; see `factor`.
+    x, v : ndarray, shape (nv,)
+        The velocity under forces alone, and that before.
     J, T : ndarray, shapes (m, nv) and (2 m, nv)
         Gradients of gaps, and of each contact those along its two tangents.
     e : ndarray, shape (m,)
@@ -57,23 +58,11 @@ def frictional_tree_law(
 
     Returns
     -------
-    residual : float
-        See `coulomb_law`; inf where M is not positive definite, `WITHOUT_FRICTION` where no mu is positive.
-    unique : bool
+    residual, unique
         See `coulomb_law`.
     """
     m, nv = J.shape
-    most = 0.0
-    for a in range(m):
-        most = max(most, mu[a])
-    if most == 0.0:
-        return WITHOUT_FRICTION, False
-    n, L, x = 3 * m, np.empty(mass.shape), np.empty(nv)
-    if advance_by(mass, damping, parent, v, h, torque, effects, twice, L, np.empty((2, nv)), x):
-        return np.inf, False
-    # L is that of M already where there is no damping
-    if is_damped(damping) and factor(mass, 0.0, damping, parent, L):
-        return np.inf, False
+    n = 3 * m
     wide, W, A = np.empty((n, nv)), np.empty((n, nv)), np.empty((n, nv))
     interleave(J, T, wide)
     solve(L, parent, wide, W, A)
@@ -105,3 +94,32 @@ def frictional_tree_law(
             else:
                 slip[r, a, c - 1] = value
     return residual, unique
+
+
+@kernel(
+    "Tuple((f8, b1))(f8[:,::1], f8[::1], i8[::1], f8[::1], f8, f8[::1], f8[::1], b1, f8[:,::1], f8[:,::1], f8[::1], "
+    "f8[::1], f8[::1], f8[::1], i8, f8, f8[::1], f8[::1], f8[:,::1], f8[:,:,::1])"
+)
+def frictional_tree_law(
+    mass: Array, damping: Array, parent: Array, v: Array, h: float, torque: Array, effects: Array, twice: bool,
+    J: Array, T: Array, e: Array, drift: Array, opened: Array, mu: Array, known: int, limit: float, start: Array,
+    w: Array, rates: Array, slip: Array,
+) -> tuple[float, bool]:  # fmt: skip
+    """Write the velocity that Coulomb's law gives, from the free motion of one mechanism; see `TreeFreeMotion`.
+
+    The first arguments are those of `advance_by`, the others, as the result, those of `frictional_law_of_rows`; the
+    residual is inf where M is not positive definite, `WITHOUT_FRICTION` where no mu is positive.
+    """
+    most = 0.0
+    for a in range(len(mu)):
+        most = max(most, mu[a])
+    if most == 0.0:
+        return WITHOUT_FRICTION, False
+    L, x = np.empty(mass.shape), np.empty(len(v))
+    if advance_by(mass, damping, parent, v, h, torque, effects, twice, L, np.empty((2, len(v))), x):
+        return np.inf, False
+    if factor_again(mass, damping, parent, twice, L):
+        return np.inf, False
+    return frictional_law_of_rows(
+        L, parent, x, v, J, T, e, drift, opened, mu, known, limit, start, w, rates, slip
+    )  # fmt: skip

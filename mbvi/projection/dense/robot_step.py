@@ -10,7 +10,7 @@ import numpy as np
 from ...compiled import kernel
 from ..metric import Array
 from ..row_speeds import row_speeds
-from ..tree import advance_by, factor, is_damped, solve
+from ..tree import advance_by, factor_again, solve
 from .goldfarb_idnani import LAST_DIGITS, goldfarb_idnani, start_from
 from .orthonormal_rows import solve_lower, solve_upper
 from .scaled_qp import FAR
@@ -273,31 +273,40 @@ def newton_law(J: Array, v: Array, e: Array, opened: Array, lower: Array, rates:
 
 
 @kernel(
+    "f8(f8[:,::1], i8[::1], f8[::1], f8[::1], f8[:,::1], f8[::1], f8[::1], f8[::1], f8, f8[::1], f8[:,::1])", apart=True
+)
+def law_of_rows(
+    L: Array, parent: Array, x: Array, v: Array, J: Array, e: Array, opened: Array, last: Array, limit: float,
+    w: Array, rates: Array,
+) -> float:  # fmt: skip
+    """Write the velocity after the impact law of `newton_law`, given the free motion x and the factor of M.
+
+    `e`, `opened` and `rates` are those of `newton_law`, and the others, as the result, those of `solve_active_set`.
+    """
+    m, n = J.shape
+    room = np.empty(m + 2 * m * n)
+    lower, A, W = room[:m], room[m : m + m * n].reshape((m, n)), room[m + m * n :].reshape((m, n))
+    solve(L, parent, J, W, A)
+    newton_law(J, v, e, opened, lower, rates)
+    return solve_active_set(J, A, W, x, lower, last, limit, w, rates)
+
+
+@kernel(
     "f8(f8[:,::1], f8[::1], i8[::1], f8[::1], f8, f8[::1], f8[::1], b1, f8[:,::1], f8[::1], f8[::1], f8[::1], f8, "
-    "f8[::1], f8[:,::1])",
-    apart=True,
+    "f8[::1], f8[:,::1])"
 )
 def tree_law(
     mass: Array, damping: Array, parent: Array, v: Array, h: float, torque: Array, effects: Array, twice: bool,
     J: Array, e: Array, opened: Array, last: Array, limit: float, w: Array, rates: Array,
 ) -> float:  # fmt: skip
-    """Write the velocity after the impact law of `newton_law` for one mechanism in free motion; see `TreeFreeMotion`.
+    """Write the velocity that `law_of_rows` gives for one mechanism in free motion; see `TreeFreeMotion`.
 
-    The first arguments are those of `advance_by`, `e`, `opened` and `rates` those of `newton_law`, and the others, as
-    the result, those of `solve_active_set`; the result is inf too where M is not positive definite.
+    The first arguments are those of `advance_by`, the others, as the result, those of `law_of_rows`; the result is inf
+    too where M is not positive definite.
     """
-    m, n = J.shape
-    wide, k = len(mass), len(mass) * n
-    room = np.empty(k + 3 * n + m + 2 * m * n)
-    L, x, lower = room[:k].reshape((wide, n)), room[k : k + n], room[k + n : k + n + m]
-    k += n + m
-    changes, k = room[k : k + 2 * n].reshape((2, n)), k + 2 * n
-    A, W = room[k : k + m * n].reshape((m, n)), room[k + m * n :].reshape((m, n))
-    if advance_by(mass, damping, parent, v, h, torque, effects, twice, L, changes, x):
+    L, x = np.empty(mass.shape), np.empty(len(v))
+    if advance_by(mass, damping, parent, v, h, torque, effects, twice, L, np.empty((2, len(v))), x):
         return np.inf
-    # L is that of M already where there is no damping
-    if is_damped(damping) and factor(mass, 0.0, damping, parent, L):
+    if factor_again(mass, damping, parent, twice, L):
         return np.inf
-    solve(L, parent, J, W, A)
-    newton_law(J, v, e, opened, lower, rates)
-    return solve_active_set(J, A, W, x, lower, last, limit, w, rates)
+    return law_of_rows(L, parent, x, v, J, e, opened, last, limit, w, rates)

@@ -14,7 +14,7 @@ from ...projection.coulomb.few_contacts import MOST_CONTACTS
 from ...projection.coulomb.friction import AIM, EXACT
 from ...projection.coulomb.frictional_step import interleave
 from ...projection.coulomb.law import COMPLIANT, NOTHING, UNIQUE, coulomb_law
-from ...projection.tree import factor, is_damped, solve
+from ...projection.tree import factor_again, solve
 from ...system.system import Array
 from .records import DONE, UNSOLVED, MechanismStep
 
@@ -205,7 +205,7 @@ def bounded_coulomb(
 def factor_mass_again(s: MechanismStep) -> bool:
     """Write the factor of M after `move_freely`, which leaves that of M and damping; False where M has none."""
     m = s.mechanism
-    return not (is_damped(m.damping) and factor(m.mass, 0.0, m.damping, m.parent, s.room.L))
+    return factor_again(m.mass, m.damping, m.parent, False, s.room.L) == 0
 
 
 @kernel("b1(MechanismStep, f8, f8[::1])")

@@ -15,17 +15,17 @@ from ...constraints.mechanism.rows import active_rows
 from ...constraints.mechanism.tables import RowBuffer
 from ...projection.coulomb.few_contacts import MOST_CONTACTS
 from ...projection.coulomb.friction import AIM, EXACT
-from ...projection.coulomb.frictional_step import frictional_tree_law
+from ...projection.coulomb.frictional_step import frictional_law_of_rows
 from ...projection.coulomb.law import COMPLIANT, NOTHING, UNIQUE
 from ...projection.dense.fused_step import FEW
-from ...projection.dense.robot_step import newton_law, tree_law
+from ...projection.dense.robot_step import law_of_rows, newton_law
 from ...projection.row_speeds import row_speeds
-from ...projection.tree import advance_by
+from ...projection.tree import advance_by, factor_again
 from ...system.control_table import write_torque
 from ...system.free.spinning import spin_effects
 from ...system.mechanisms.mechanism import carry, evaluate_nonlinear_effects, weigh
 from ...system.system import Array
-from .joint_friction import apply_joint_friction, bounded_coulomb, factor_mass_again, joints_with_friction
+from .joint_friction import apply_joint_friction, bounded_coulomb, joints_with_friction
 from .records import DONE, UNSOLVED, MechanismStep
 
 __all__ = [
@@ -86,7 +86,8 @@ def write_free_motion(s: MechanismStep, v: Array, h: float, twice: bool) -> bool
 
     `twice` is that of `advance_by`.
     """
-    return move_freely(s, v, h, twice, s.room.free) and factor_mass_again(s)
+    m, room = s.mechanism, s.room
+    return move_freely(s, v, h, twice, room.free) and factor_again(m.mass, m.damping, m.parent, twice, room.L) == 0
 
 
 @kernel("b1(RowBuffer)")
@@ -98,12 +99,13 @@ def has_friction(rows: RowBuffer) -> bool:
     return False
 
 
-@kernel("i8(MechanismStep, f8[::1], f8, b1, f8[::1])")
-def apply_law_with_joints(s: MechanismStep, v: Array, h: float, twice: bool, opened: Array) -> int:
-    """Do what `apply_law` does where joints have dry friction, contacts torsional or rolling friction, or are many."""
+@kernel("i8(MechanismStep, f8[::1], f8, f8[::1])")
+def apply_law_with_joints(s: MechanismStep, v: Array, h: float, opened: Array) -> int:
+    """Do what `apply_law` does where joints have dry friction, contacts torsional or rolling friction, or are many.
+
+    The room has the free motion and the factor of M.
+    """
     rows, k = s.rows, s.rows.size[0]
-    if not write_free_motion(s, v, h, twice):
-        return UNSOLVED
     lower, p = np.empty(k), np.empty((k, 6))
     newton_law(rows.J[:k], v, rows.e[:k], opened, lower, s.rates[: 4 * k].reshape((4, k)))
     code = bounded_coulomb(s, rows, s.room.free, lower, h, EXACT * s.scales.residual, s.v, p)
@@ -146,6 +148,8 @@ def write_rates_of(s: MechanismStep, rows: RowBuffer, v: Array, p: Array) -> Non
 def apply_law(s: MechanismStep, v: Array, h: float, twice: bool, opened: Array) -> int:
     """Write the velocity, the rates and the residual that the law gives, where there are rows; return a code.
 
+    The room then has the free motion and the factor of M.
+
     Parameters
     ----------
     s : MechanismStep
@@ -163,13 +167,13 @@ def apply_law(s: MechanismStep, v: Array, h: float, twice: bool, opened: Array) 
     limit = 0.0 if k <= FEW else 1e-3 * s.scales.residual
     J, e, rates = rows.J[:k], rows.e[:k], s.rates[: 4 * k].reshape((4, k))
     rough = has_friction(rows)
+    if not write_free_motion(s, v, h, twice):
+        return UNSOLVED
     if joints_with_friction(m.friction) > 0 or (rough and (len(rows.R) > 0 or k > MOST_CONTACTS)):
-        return apply_law_with_joints(s, v, h, twice, opened)
+        return apply_law_with_joints(s, v, h, opened)
     if not rough:
         last = memory.percussion[: memory.size[0]]
-        found = tree_law(
-            m.mass, m.damping, m.parent, v, h, s.room.torque, m.effects, twice, J, e, opened, last, limit, s.v, rates
-        )
+        found = law_of_rows(s.room.L, m.parent, s.room.free, v, J, e, opened, last, limit, s.v, rates)
         # written so that a NaN is refused too
         if not 0.0 <= found < np.inf:
             return UNSOLVED
@@ -189,9 +193,9 @@ def apply_law(s: MechanismStep, v: Array, h: float, twice: bool, opened: Array) 
     else:
         for i in range(3 * k):
             start[i] = 0.0
-    found, unique = frictional_tree_law(
-        m.mass, m.damping, m.parent, v, h, s.room.torque, m.effects, twice, J, rows.T[: 2 * k], e, opened[:0],
-        opened, rows.mu[:k], known, AIM, start, s.v, rates, slip,
+    found, unique = frictional_law_of_rows(
+        s.room.L, m.parent, s.room.free, v, J, rows.T[: 2 * k], e, opened[:0], opened, rows.mu[:k], known, AIM, start,
+        s.v, rates, slip,
     )  # fmt: skip
     # Python checks each row of the others
     if not 0.0 <= found <= EXACT * s.scales.residual:

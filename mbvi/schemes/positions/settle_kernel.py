@@ -14,8 +14,7 @@ from ...projection.tree import solve
 from ...system.free.free_momentum import keep_momentum_of_rows
 from ...system.mechanisms.mechanism import glide, place
 from ...system.system import Array
-from ..kernels.phases import write_free_motion
-from ..kernels.records import DONE, UNSOLVED, MechanismStep
+from ..kernels.records import DONE, MechanismStep
 from .bounds_kernel import apply_bounds
 from .closed_kernel import bears_or_sinks, closed_contacts
 from .displacement_kernel import IMPOSSIBLE, Sunk, raise_sunk
@@ -283,8 +282,9 @@ def project_positions(s: MechanismStep, v: Array, h: float, near: Array, bounces
     ----------
     s : MechanismStep
         With the step before position projection, placed where the law was applied (`room.middle`), with the velocity
-        after the law and that at the end (`room.after`), and with all rows that are known (see `nearby_kernel`). The
-        gaps of the law's rows are those where it was applied, and `room.opened` has the speeds at which they may close.
+        after the law and that at the end (`room.after`), with what `apply_law` leaves in the room, and with all rows
+        that are known (see `nearby_kernel`). The gaps of the law's rows are those where it was applied, and
+        `room.opened` has the speeds at which they may close.
     v : ndarray, shape (nv,)
         The velocity before the law.
     h : float
@@ -299,8 +299,6 @@ def project_positions(s: MechanismStep, v: Array, h: float, near: Array, bounces
         advance_gaps(s, half)
         take_velocity_of_end(s)
         return DONE
-    if not write_free_motion(s, v, h, True):
-        return UNSOLVED
     moved, there, residual, marks.size[0] = np.zeros(len(v)), np.zeros(len(s.q)), np.zeros(1), 0
     if bounces:
         copy_rows(rows, marks)

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...compiled import kernel, record
+from .frames import cross_product, turned
 
 Array = np.ndarray
 
@@ -188,28 +189,28 @@ def write_gaps(e: Equalities, poses: Array, q: Array) -> float:
 @kernel("void(Equalities, f8[:,:,::1], f8[:,::1], f8[:,::1], f8[:,::1])")
 def write_rows(e: Equalities, poses: Array, columns: Array, support: Array, mass: Array) -> None:
     """Write J_e behind the mass matrix, shape (nv + m, nv); the other arguments are those of `Mechanism`."""
-    n, m = mass.shape[1], len(e.normals)
+    n, m, count = mass.shape[1], len(e.normals), 0
+    moving, side = np.empty(n, np.int64), np.empty(n)
     for i in range(m):
         first, second = e.bodies[i]
         a, b, row = poses[first], poses[second], mass[n + i]
-        x = np.empty(3)
-        normal = np.zeros(3)
-        for r in range(3):
-            x[r] = b[3, r]
-            for c in range(3):
-                x[r] += b[c, r] * e.points[i, 3 + c]
-                normal[r] += a[c, r] * e.normals[i, c]
-        # n . (velocity of x on the second body less that of the same point on the first)
-        turn0, turn1 = x[1] * normal[2] - x[2] * normal[1], x[2] * normal[0] - x[0] * normal[2]
-        turn2 = x[0] * normal[1] - x[1] * normal[0]
+        # rows of one connection move with the same few velocities
+        if i == 0 or first != e.bodies[i - 1, 0] or second != e.bodies[i - 1, 1]:
+            count = 0
+            for k in range(n):
+                if support[second, k] != support[first, k]:
+                    moving[count], side[count] = k, support[second, k] - support[first, k]
+                    count += 1
+        point, normal = e.points[i], e.normals[i]
+        x, y, z = turned(b, point[3], point[4], point[5])
+        u, v, w = turned(a, normal[0], normal[1], normal[2])
+        # n . (velocity of that point on the second body less that of the same point on the first)
+        d, f, g = cross_product(x + b[3, 0], y + b[3, 1], z + b[3, 2], u, v, w)
         for k in range(n):
-            side = support[second, k] - support[first, k]
             row[k] = 0.0
-            if side != 0.0:
-                s = columns[k]
-                row[k] = side * (
-                    normal[0] * s[0] + normal[1] * s[1] + normal[2] * s[2] + turn0 * s[3] + turn1 * s[4] + turn2 * s[5]
-                )
+        for c in range(count):
+            s = columns[moving[c]]
+            row[moving[c]] = side[c] * (u * s[0] + v * s[1] + w * s[2] + d * s[3] + f * s[4] + g * s[5])
     for j in range(len(e.joints)):
         one, row = e.joints[j], mass[n + m + j]
         for k in range(n):

@@ -16,7 +16,7 @@ from support.plain.pairs import filter_active_plain
 from support.plain.projected_pcg import projected_pcg_plain
 from support.plain.recorder import _note_plain, _struck_plain
 from support.plain.refinement import refine_subset_plain, solve_island_plain
-from support.plain.robot_step import _tree_law_plain, newton_law_plain, solve_active_set_plain
+from support.plain.robot_step import _law_of_rows_plain, _tree_law_plain, newton_law_plain, solve_active_set_plain
 from support.plain.rows import mutual_nearest_plain
 from support.plain.separating_axis import _clear_plain, _keep_plain, guess_axes_plain, reach_plain
 from support.plain.shared_percussions import least_norm_plain
@@ -105,4 +105,5 @@ PLAIN = {
     "solve_factor": solve_factor_plain,
     "stand": stand_plain,
     "tree_law": _tree_law_plain,
+    "law_of_rows": _law_of_rows_plain,
 }

@@ -58,17 +58,25 @@ def newton_law_plain(J: Array, v: Array, e: Array, opened: Array, lower: Array, 
         lower[stays] = np.minimum(lower, -opened)[stays]
 
 
+def _law_of_rows_plain(
+    L: Array, parent: Array, x: Array, v: Array, J: Array, e: Array, opened: Array, last: Array, limit: float,
+    w: Array, rates: Array,
+) -> float:  # fmt: skip
+    """Write argmin |w - x|_M with J w >= -e J v; see `law_of_rows`."""
+    A, W, lower = np.empty(J.shape), np.empty(J.shape), np.empty(len(e))
+    solve_plain(L, parent, J, W, A)
+    newton_law_plain(J, v, e, opened, lower, rates)
+    return solve_active_set_plain(J, A, W, x, lower, last, limit, w, rates[:3])
+
+
 def _tree_law_plain(
     mass: Array, damping: Array, parent: Array, v: Array, h: float, torque: Array, effects: Array, twice: bool,
     J: Array, e: Array, opened: Array, last: Array, limit: float, w: Array, rates: Array,
 ) -> float:  # fmt: skip
     """Write argmin |w - x|_M with J w >= -e J v, where x is the free motion of one mechanism; see `tree_law`."""
-    L, x, A, W = np.empty(mass.shape), np.empty(len(v)), np.empty(J.shape), np.empty(J.shape)
+    L, x = np.empty(mass.shape), np.empty(len(v))
     if advance_plain(mass, damping, parent, v, h, torque, effects, twice, L, np.empty((2, len(v))), x):
         return np.inf
     if factor_plain(mass, 0.0, damping, parent, L):
         return np.inf
-    solve_plain(L, parent, J, W, A)
-    lower = np.empty(len(e))
-    newton_law_plain(J, v, e, opened, lower, rates)
-    return solve_active_set_plain(J, A, W, x, lower, last, limit, w, rates[:3])
+    return _law_of_rows_plain(L, parent, x, v, J, e, opened, last, limit, w, rates)
