@@ -54,18 +54,26 @@ def factor_mass(mass: Array, h: float, damping: Array, parent: Array, L: Array) 
         # written so that a NaN is refused too
         if not L[k, k] > 0.0:
             return k + 1
-        L[k, k] = np.sqrt(L[k, k])
+        row = L[k]
+        row[k] = np.sqrt(row[k])
         i = parent[k]
         while i >= 0:
-            L[k, i] /= L[k, k]
+            row[i] /= row[k]
             i = parent[i]
         i = parent[k]
         while i >= 0:
-            j = i
+            # two rows side by side wait less for the next parent
+            above, one = parent[i], row[i]
+            L[i, i] -= one * one
+            if above < 0:
+                break
+            two, first, second, j = row[above], L[i], L[above], above
             while j >= 0:
-                L[i, j] -= L[k, i] * L[k, j]
+                x = row[j]
+                first[j] -= one * x
+                second[j] -= two * x
                 j = parent[j]
-            i = parent[i]
+            i = parent[above]
     return 0
 
 
@@ -106,13 +114,13 @@ def is_damped(damping: Array) -> bool:
     return False
 
 
-@kernel("i8(f8[:,::1], f8[::1], i8[::1], f8[::1], f8, f8[::1], f8[::1], f8[:,::1], f8[:,::1], f8[::1])")
+@kernel("i8(f8[:,::1], f8[::1], i8[::1], f8[::1], f8, f8[::1], f8[::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[::1])")
 def advance_keeping(
-    mass: Array, damping: Array, parent: Array, v: Array, h: float, torque: Array, effects: Array, L: Array,
-    changes: Array, out: Array,
+    mass: Array, damping: Array, parent: Array, v: Array, h: float, torque: Array, effects: Array, known: Array,
+    L: Array, changes: Array, out: Array,
 ) -> int:  # fmt: skip
     """Do what `advance_by` does at order 2 with damping and equalities: each E keeps these."""
-    n, time, change, loss, damped = len(v), 0.5 * h, changes[0], changes[1], np.empty(mass.shape)
+    n, time, change, loss, damped = len(v), 0.5 * h, changes[0], changes[1], known
     bad = factor(mass, 0.0, damping, parent, L)
     if bad:
         return bad
@@ -120,9 +128,11 @@ def advance_keeping(
         out[k] = v[k]
     # E acts on the part of v that keeps the equalities, and of the other the mean over the step is zero
     keep_equalities(L, parent, out)
-    bad = factor(mass, time, damping, parent, damped)
-    if bad:
-        return bad
+    if len(known) == 0:
+        damped = np.empty(mass.shape)
+        bad = factor(mass, time, damping, parent, damped)
+        if bad:
+            return bad
     for k in range(n):
         change[k] = time * (torque[k] - effects[k] - damping[k] * out[k])
         out[k] = 2.0 * out[k] - v[k]
@@ -138,10 +148,10 @@ def advance_keeping(
     return 0
 
 
-@kernel("i8(f8[:,::1], f8[::1], i8[::1], f8[::1], f8, f8[::1], f8[::1], b1, f8[:,::1], f8[:,::1], f8[::1])")
+@kernel("i8(f8[:,::1], f8[::1], i8[::1], f8[::1], f8, f8[::1], f8[::1], b1, f8[:,::1], f8[:,::1], f8[:,::1], f8[::1])")
 def advance_by(
     mass: Array, damping: Array, parent: Array, v: Array, h: float, torque: Array, effects: Array, twice: bool,
-    L: Array, changes: Array, out: Array,
+    known: Array, L: Array, changes: Array, out: Array,
 ) -> int:  # fmt: skip
     """Write the velocity after a time h under forces alone; return as `factor`.
 
@@ -155,6 +165,8 @@ def advance_by(
         Time step [s].
     twice : bool
         Whether D acts at order 2 instead of 1; see Notes.
+    known : ndarray, shape (nv + m, nv) or (0, 0)
+        The factor of M + h D / 2, if it is known; it is used at order 2 with equalities.
     L : ndarray, shape (nv + m, nv)
         Receives the factor of M + h D, at order 2 of M + h D / 2, and that of M at order 2 with equalities; see
         `factor_again`.
@@ -172,7 +184,7 @@ def advance_by(
     """
     n, time, damped = len(v), h, is_damped(damping)
     if twice and damped and len(L) > n:
-        return advance_keeping(mass, damping, parent, v, h, torque, effects, L, changes, out)
+        return advance_keeping(mass, damping, parent, v, h, torque, effects, known, L, changes, out)
     if twice and damped:
         time = 0.5 * h
     bad = factor(mass, time, damping, parent, L)
@@ -227,10 +239,8 @@ def advance(
     InputError
         If the matrix that is factored is not positive definite.
     """
-    out = np.empty(len(v))
-    bad = advance_by(
-        mass, damping, parent, v, h, torque, effects, twice, np.empty(mass.shape), np.empty((2, len(v))), out
-    )
+    out, L = np.empty(len(v)), np.empty(mass.shape)
+    bad = advance_by(mass, damping, parent, v, h, torque, effects, twice, L[:0], L, np.empty((2, len(v))), out)
     if bad:
         raise _indefinite(bad, len(parent))
     return out

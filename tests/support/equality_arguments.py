@@ -76,8 +76,11 @@ def _kept(rng):
 def _advanced(rng):
     system, mass, L, v = _factored(rng)
     torque, effects = rng.normal(size=(2, system.nv))
-    damping, out = rng.random(system.nv), np.full(system.nv, np.nan)
-    return mass, damping, system._parent, v, 1e-2, torque, effects, np.full(L.shape, np.nan), np.zeros((2, len(v))), out
+    damping, known, changes, h = rng.random(system.nv), np.zeros(L.shape), np.zeros((2, system.nv)), 1e-2
+    factor(mass, 0.5 * h, damping, system._parent, known)
+    known = known[: rng.choice([0, len(L)])]
+    room = np.full(L.shape, np.nan), changes, np.full(system.nv, np.nan)
+    return mass, damping, system._parent, v, h, torque, effects, known, *room
 
 
 def _changed(rng):

@@ -147,7 +147,8 @@ def solve(rng):
 def advance_by(rng):
     system, q, v = moving_robot(rng)
     mass, *others = forces(rng, system, q, v)
-    return indefinite(rng, mass), *others, np.full(mass.shape, np.nan), np.zeros((2, len(v))), np.full(len(v), np.nan)
+    L = np.full(mass.shape, np.nan)
+    return indefinite(rng, mass), *others, L[:0], L, np.zeros((2, len(v))), np.full(len(v), np.nan)
 
 
 def is_damped(rng):

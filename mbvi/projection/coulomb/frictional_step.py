@@ -116,7 +116,7 @@ def frictional_tree_law(
     if most == 0.0:
         return WITHOUT_FRICTION, False
     L, x = np.empty(mass.shape), np.empty(len(v))
-    if advance_by(mass, damping, parent, v, h, torque, effects, twice, L, np.empty((2, len(v))), x):
+    if advance_by(mass, damping, parent, v, h, torque, effects, twice, L[:0], L, np.empty((2, len(v))), x):
         return np.inf, False
     if factor_again(mass, damping, parent, twice, L):
         return np.inf, False

@@ -305,7 +305,7 @@ def tree_law(
     too where M is not positive definite.
     """
     L, x = np.empty(mass.shape), np.empty(len(v))
-    if advance_by(mass, damping, parent, v, h, torque, effects, twice, L, np.empty((2, len(v))), x):
+    if advance_by(mass, damping, parent, v, h, torque, effects, twice, L[:0], L, np.empty((2, len(v))), x):
         return np.inf
     if factor_again(mass, damping, parent, twice, L):
         return np.inf

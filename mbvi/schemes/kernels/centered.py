@@ -8,6 +8,7 @@ from ...constraints.mechanism.tables import FOUND, RowBuffer, copy_row
 from ...constraints.rows import mutual_nearest
 from ...projection.positions.travel import largest_bend
 from ...projection.row_speeds import row_speeds
+from ...projection.tree import advance_by, is_damped
 from ...system.free.spinning import remove_spin_effects
 from ...system.mechanisms.mechanism import evaluate_nonlinear_effects, glide, place, weigh
 from ...system.system import Array
@@ -91,15 +92,24 @@ def evaluate_pushing_effects(s: MechanismStep, q: Array, v: Array) -> None:
 def centered_forces(s: MechanismStep, t: float, q: Array, v: Array, half: float) -> None:
     """Compute all that the free motion takes at (t, q), with the effects of velocities half a step later.
 
-    Gyroscopic torques of free bodies do not act; see `coast`.
+    Gyroscopic torques of free bodies do not act; see `coast`. With equalities the factor of M + half D
+    stays in the room.
     """
-    late, w = s.scales.late, s.room.force_velocity
+    m, room, late, w = s.mechanism, s.room, s.scales.late, s.room.force_velocity
+    room.known[0] = 0
     act(s, t, q, v)
     weigh(s.mechanism, q)
     evaluate_pushing_effects(s, q, v)
     if len(late):
         # where M has no factor the step itself says so
-        move_freely(s, v, half, False, w)
+        if len(room.damped) > len(v) and is_damped(m.damping):
+            torque, effects, none = room.torque, m.effects, room.L[:0]
+            bad = advance_by(
+                m.mass, m.damping, m.parent, v, half, torque, effects, False, none, room.damped, room.changes, w
+            )
+            room.known[0] = 0 if bad else len(room.damped)
+        else:
+            move_freely(s, v, half, False, w)
         apply_joint_friction(s, half, w)
         for k in range(len(v)):
             if not late[k]:

@@ -76,7 +76,10 @@ def move_freely(s: MechanismStep, v: Array, h: float, twice: bool, w: Array) -> 
     Dry friction of joints does not act; see `apply_joint_friction`. `twice` is that of `advance_by`.
     """
     m, room = s.mechanism, s.room
-    bad = advance_by(m.mass, m.damping, m.parent, v, h, room.torque, m.effects, twice, room.L, room.changes, w)
+    bad = advance_by(
+        m.mass, m.damping, m.parent, v, h, room.torque, m.effects, twice, room.damped[: room.known[0]], room.L,
+        room.changes, w,
+    )  # fmt: skip
     return bad == 0
 
 

@@ -79,8 +79,8 @@ class Scales(NamedTuple):
 
 @record(
     "f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:,::1], f8[::1], f8[::1],"
-    " f8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], i8[::1], i8[::1],"
-    " b1[::1], b1[::1], b1[::1], b1[::1]"
+    " f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], i8[::1],"
+    " i8[::1], i8[::1], b1[::1], b1[::1], b1[::1], b1[::1]"
 )
 class Room(NamedTuple):
     """Room within a step: kernels that make no arrays are faster.
@@ -97,12 +97,16 @@ class Room(NamedTuple):
         Configurations.
     L, A, W : ndarray, shapes (nv + m, nv), (MOST_ROWS, nv), (MOST_ROWS, nv)
         Factor of the mass matrix and basis of the equalities, and rows solved with it.
+    damped : ndarray, shape (nv + m, nv)
+        The same of M + h D / 2.
     change, opened, gap, bound : ndarray, shape (MOST_ROWS,)
         Of rows.
     table : ndarray, shape (8 MOST_ROWS,)
         Several numbers of each row.
     margin : ndarray, shape (1,)
         How far beyond the tolerance rows are known [m].
+    known : ndarray of int, shape (1,)
+        How many rows of `damped` belong to this step: all or none.
     owner, order : ndarray of int, shape (MOST_ROWS,)
         Rows.
     near, law, closed, settled : ndarray of bool, shape (MOST_ROWS,)
@@ -124,12 +128,14 @@ class Room(NamedTuple):
     L: Array
     A: Array
     W: Array
+    damped: Array
     change: Array
     opened: Array
     gap: Array
     bound: Array
     table: Array
     margin: Array
+    known: Array
     owner: Array
     order: Array
     near: Array
@@ -141,10 +147,12 @@ class Room(NamedTuple):
 def room(nq: int, nv: int, equalities: int) -> Room:
     """Return room for a mechanism with some rows of equalities."""
     tangents, places = np.zeros((9, nv)), np.zeros((2, nq))
-    matrices = np.zeros((nv + equalities, nv)), np.zeros((MOST_ROWS, nv)), np.zeros((MOST_ROWS, nv))
+    factors, solved = np.zeros((2, nv + equalities, nv)), np.zeros((2, MOST_ROWS, nv))
     floats, table, margin = np.zeros((4, MOST_ROWS)), np.zeros(8 * MOST_ROWS), np.zeros(1)
     numbers, masks = np.zeros((2, MOST_ROWS), np.int64), np.zeros((4, MOST_ROWS), bool)
-    fields: Any = *tangents, np.zeros((2, nv)), *places, *matrices, *floats, table, margin, *numbers, *masks
+    matrices: Any = factors[0], *solved, factors[1]
+    known = np.zeros(1, np.int64)
+    fields: Any = *tangents, np.zeros((2, nv)), *places, *matrices, *floats, table, margin, known, *numbers, *masks
     return Room(*fields)
 
 

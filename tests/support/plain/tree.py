@@ -66,7 +66,7 @@ def solve_plain(L: Array, parent: Array, rows: Array, whitened: Array, out: Arra
 
 def advance_plain(
     mass: Array, damping: Array, parent: Array, v: Array, h: float, torque: Array, effects: Array, twice: bool,
-    L: Array, changes: Array, out: Array,
+    known: Array, L: Array, changes: Array, out: Array,
 ) -> int:  # fmt: skip
     """Write the velocity after implicit steps: one of h, or 2 E^3(v) - E^4(v) of steps E of h / 2; see `advance_by`."""
     time = 0.5 * h if twice and damping.any() else h
