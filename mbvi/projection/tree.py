@@ -12,6 +12,7 @@ from ..errors import InputError
 from .metric import Array, triangular, whiten_full
 from .tree_factor import (
     DEPENDENT,
+    factor_mass,
     keep_equalities,
     solve_keeping,
     span_equalities,
@@ -20,61 +21,6 @@ from .tree_factor import (
     unwhiten_four,
     whiten,
 )
-
-
-@kernel("i8(f8[:,::1], f8, f8[::1], i8[::1], f8[:,::1])")
-def factor_mass(mass: Array, h: float, damping: Array, parent: Array, L: Array) -> int:
-    """Write L with L'L = M + h D; return 0, or one plus a row where that turns out not to be positive definite.
-
-    Rows of equalities are left as they are.
-
-    Parameters
-    ----------
-    mass : ndarray, shape (nv + m, nv)
-        M, of which the lower triangle is read, and the m rows of the equalities, if there are any.
-    h, damping : float and ndarray, shape (nv,)
-        h and the diagonal of D.
-    parent : ndarray of int, shape (nv,)
-        The velocity that carries each one, -1 where there is none; M couples a velocity to its ancestors only.
-    L : ndarray, shape (nv + m, nv)
-        Receives in its first rows the entries of each velocity and of what carries it; the others are left.
-
-    Notes
-    -----
-    R. Featherstone, Rigid Body Dynamics Algorithms (2008), table 6.3.
-    """
-    n = len(parent)
-    for i in range(n):
-        L[i, i] = mass[i, i] + h * damping[i]
-        j = parent[i]
-        while j >= 0:
-            L[i, j] = mass[i, j]
-            j = parent[j]
-    for k in range(n - 1, -1, -1):
-        # written so that a NaN is refused too
-        if not L[k, k] > 0.0:
-            return k + 1
-        row = L[k]
-        row[k] = np.sqrt(row[k])
-        i = parent[k]
-        while i >= 0:
-            row[i] /= row[k]
-            i = parent[i]
-        i = parent[k]
-        while i >= 0:
-            # two rows side by side wait less for the next parent
-            above, one = parent[i], row[i]
-            L[i, i] -= one * one
-            if above < 0:
-                break
-            two, first, second, j = row[above], L[i], L[above], above
-            while j >= 0:
-                x = row[j]
-                first[j] -= one * x
-                second[j] -= two * x
-                j = parent[j]
-            i = parent[above]
-    return 0
 
 
 @kernel("i8(f8[:,::1], f8, f8[::1], i8[::1], f8[:,::1])")

@@ -1,4 +1,4 @@
-"""Products with the factor L of a mass matrix M = L'L, and the rows of equalities that every velocity keeps.
+"""The factor L of a mass matrix M = L'L, products with it, and the rows of equalities that every velocity keeps.
 
 Behind its nv rows the array of L may have further ones: an orthonormal basis of L'^-1 J_e', where J_e v = 0 are the
 equalities of the mechanism. Rows that depend on those before them are zero there.
@@ -18,6 +18,61 @@ DEPENDENT = 1e-9
 _MUCH = 0.25
 # squared part of a row below which nothing of it is left
 _NOTHING = 1e-24
+
+
+@kernel("i8(f8[:,::1], f8, f8[::1], i8[::1], f8[:,::1])")
+def factor_mass(mass: Array, h: float, damping: Array, parent: Array, L: Array) -> int:
+    """Write L with L'L = M + h D; return 0, or one plus a row where that turns out not to be positive definite.
+
+    Rows of equalities are left as they are.
+
+    Parameters
+    ----------
+    mass : ndarray, shape (nv + m, nv)
+        M, of which the lower triangle is read, and the m rows of the equalities, if there are any.
+    h, damping : float and ndarray, shape (nv,)
+        h and the diagonal of D.
+    parent : ndarray of int, shape (nv,)
+        The velocity that carries each one, -1 where there is none; M couples a velocity to its ancestors only.
+    L : ndarray, shape (nv + m, nv)
+        Receives in its first rows the entries of each velocity and of what carries it; the others are left.
+
+    Notes
+    -----
+    R. Featherstone, Rigid Body Dynamics Algorithms (2008), table 6.3.
+    """
+    n = len(parent)
+    for i in range(n):
+        L[i, i] = mass[i, i] + h * damping[i]
+        j = parent[i]
+        while j >= 0:
+            L[i, j] = mass[i, j]
+            j = parent[j]
+    for k in range(n - 1, -1, -1):
+        # written so that a NaN is refused too
+        if not L[k, k] > 0.0:
+            return k + 1
+        row = L[k]
+        row[k] = np.sqrt(row[k])
+        i = parent[k]
+        while i >= 0:
+            row[i] /= row[k]
+            i = parent[i]
+        i = parent[k]
+        while i >= 0:
+            # two rows side by side wait less for the next parent
+            above, one = parent[i], row[i]
+            L[i, i] -= one * one
+            if above < 0:
+                break
+            two, first, second, j = row[above], L[i], L[above], above
+            while j >= 0:
+                x = row[j]
+                first[j] -= one * x
+                second[j] -= two * x
+                j = parent[j]
+            i = parent[above]
+    return 0
 
 
 @kernel("void(f8[:,::1], i8[::1], f8[::1])")

@@ -17,8 +17,7 @@ from ...constraints.mechanism.held_rows import (
     write_gaps_of,
     write_held,
 )
-from ...projection.tree import factor_mass
-from ...projection.tree_factor import unwhiten, whiten
+from ...projection.tree_factor import factor_mass, unwhiten, whiten
 from ...system import System
 from ...system.mechanisms.articulated import ArticulatedSystem
 from ...system.mechanisms.chart import joint_chart_rates

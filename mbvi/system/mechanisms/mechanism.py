@@ -9,8 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from ...compiled import kernel, record
-from ...projection.tree import factor_mass
-from ...projection.tree_factor import DEPENDENT, least_change, span_equalities
+from ...projection.tree_factor import DEPENDENT, factor_mass, least_change, span_equalities
 from ..free.coasting import coast
 from ..free.spinning import FreeLinks
 from .equalities import Equalities, Equality, equalities_of, write_gaps, write_rows
