@@ -68,21 +68,24 @@ def hold_once(hold):
 @contextmanager
 def typed_once():
     """Find the type of each record once: the interpreter gives the same ones, of hundreds of arrays, to many calls."""
-    known = {}
+    known, of_fields = {}, records._type_of
 
     def type_of(record, context):
         if id(record) not in known:
-            known[id(record)] = record, records._type_of(record, context)
+            known[id(record)] = record, of_fields(record, context)
         return known[id(record)][1]
 
-    before = {kind: typeof_impl.registry[kind] for kind in records._known}
-    for kind in before:
-        typeof_impl.register(kind, type_of)
+    def find_by(function):
+        # kinds of records that are met for the first time meanwhile are registered with it, too
+        records._type_of = function
+        for kind in records._known:
+            typeof_impl.register(kind, function)
+
+    find_by(type_of)
     try:
         yield
     finally:
-        for kind, of_kind in before.items():
-            typeof_impl.register(kind, of_kind)
+        find_by(of_fields)
 
 
 def arguments_of_call(number, wanted, problem, scheme):
