@@ -58,8 +58,9 @@ def bouncing_ball(e: float, height: float = 1.0, gravity: float = 9.81, duration
     impacts = times(starts[1:], duration)
     starts.append(landing)
     states.append(partial(_thrown, landing, 0.0, 0.0, 0.0))
+    mass = np.eye(1)
     problem = Problem(
-        LagrangianSystem(lambda q: np.eye(1), lambda t, q, v: np.array([-gravity]), 1, lambda q: gravity * q[0]),
+        LagrangianSystem(lambda q: mass, lambda t, q, v: np.array([-gravity]), 1, lambda q: gravity * q[0]),
         [GapFunction(lambda q: q[0], lambda q: np.ones(1), name="floor")],
         [height],
         [0.0],
@@ -103,8 +104,9 @@ def sliding_in_disc(e: float, speed: float = 1.0, duration: float = 3.0) -> Refe
         cos, sin = np.cos(speed * t), np.sin(speed * t)
         return np.array([cos, sin]).T, speed * np.array([-sin, cos]).T
 
+    mass = np.eye(2)
     problem = Problem(
-        LagrangianSystem(lambda q: np.eye(2), lambda t, q, v: np.zeros(2), 2, lambda q: 0.0),
+        LagrangianSystem(lambda q: mass, lambda t, q, v: np.zeros(2), 2, lambda q: 0.0),
         [GapFunction(lambda q: 0.5 * (1.0 - q @ q), lambda q: -q, name="circle")],
         *at(0.0),
         restitution=e,

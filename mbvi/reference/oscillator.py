@@ -167,10 +167,9 @@ def _periodic(e: float, W: float, stop: float, P: float) -> Flight:
 
 def _problem(e: float, W: float, phase: float, stop: float, q0: Array, v0: Array) -> Problem:
     """Return the oscillator; its potential is the spring's."""
+    mass = np.eye(1)
     return Problem(
-        LagrangianSystem(
-            lambda q: np.eye(1), lambda t, q, v: np.cos(W * t + phase) - q, 1, lambda q: 0.5 * float(q @ q)
-        ),
+        LagrangianSystem(lambda q: mass, lambda t, q, v: np.cos(W * t + phase) - q, 1, lambda q: 0.5 * float(q @ q)),
         [GapFunction(lambda q: q[0] - stop, lambda q: np.ones(1), name="stop")],
         q0,
         v0,

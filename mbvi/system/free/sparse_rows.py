@@ -58,6 +58,9 @@ def rows_of_two(nv: int, sparse: bool, first: Array, second: Array, left: Array,
         rows = np.zeros((m, nv))
         for side, block in ((first, left), (second, right)):
             here = np.flatnonzero(side)
+            if not len(here):
+                # as of the world on one side of all
+                continue
             rows[here[:, None], b * side[here, None] - b + np.arange(b)] += block[here]
         return rows
     data, columns, starts = np.empty(2 * b * m), np.empty(2 * b * m, np.int64), np.empty(m + 1, np.int64)
