@@ -52,7 +52,7 @@ class Simulator:
 
     Notes
     -----
-    Bodies do not sleep here, so that heaps at rest differ from those of `simulate` by rounding. So do scenes with
+    Bodies do not sleep here, so that bodies at rest differ from those of `simulate` by rounding. So do scenes with
     given constraints, or a control of the whole scene, that `simulate` takes in compiled code.
     """
 

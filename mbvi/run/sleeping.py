@@ -31,6 +31,8 @@ from ..system.system import Array
 
 # bodies are tested once in so many steps: a body at rest before and after a step stays at rest
 _TEST_PERIOD = 8
+# velocities up to which a step of the compiled loop costs no more than one in which all bodies sleep
+_FEW = 6
 # speed below which a body is at rest, in units of the speed that a step of free fall adds
 _REST = 1e-10
 # tests after which mean speeds are compared with what the residual leaves, and how much faster a body may be in between
@@ -64,6 +66,8 @@ class Sleepers:
     ----------
     any : bool
         Whether the problem has bodies that may sleep.
+    watched : bool
+        Whether the compiled loop leaves steps to Python once all bodies are at rest: nothing else can move.
     undisturbed : bool
         Whether nothing moved in the last step of `stepped`, and nothing can in the next: state and rows stay the same.
     """
@@ -79,14 +83,15 @@ class Sleepers:
         holding = [(p.system, p.v, p.body) for p in located_parts(system) if p.system.can_hold]
         wanted = problem.scene is not None and "rest" in problem.scene.reduce
         # what is connected to others moves with them
-        self.any = bool(holding) and wanted and not system.coupled()
+        self.any, self.watched = bool(holding) and wanted and not system.coupled(), False
         if not self.any:
             return
         self._system, self._first_velocity, self._first_body = holding[0]
         self._count = len(self._system.bodies) - 1
         self._width = self._system.nv // self._count
-        self._alone = self._system.nv == system.nv
-        self._closed = self._alone and not (system.loaded or problem.constraints.moving)
+        alone = self._system.nv == system.nv
+        self.watched = alone and system.nv > _FEW
+        self._closed = alone and not (system.loaded or problem.constraints.moving)
         self._units = velocity_units(self._system, problem.length)[: self._width] / problem.length
         fall = h * self._system.pull * self._units
         self._still = _REST * fall
@@ -118,9 +123,10 @@ class Sleepers:
     ) -> None:
         self.wake()
 
-    def all_still(self, state: Step) -> bool:
-        """Return whether nothing but bodies that may sleep can move, and all of them are at rest."""
-        return self._alone and bool((np.abs(self._of_bodies(state.v)) <= self._slow).all())
+    def all_still(self, v: Array) -> Array:
+        """Return whether all bodies are at rest, where they are `watched`: at v, shape (nv,), or at each of (n, nv)."""
+        still: Array = (np.abs(v.reshape(*v.shape[:-1], -1, self._width)) <= self._slow).all(axis=(-2, -1))
+        return still
 
     def wake(self) -> None:
         """Wake all bodies."""

@@ -87,6 +87,21 @@ def test_a_run_at_rest_begins_as_a_shorter_one():
         assert run.q.tobytes() == runs[2].q[:n].tobytes() and run.v.tobytes() == runs[2].v[:n].tobytes()
 
 
+@pytest.mark.parametrize("threads", [1, 2])
+def test_a_rollout_that_comes_to_rest_is_a_run(threads):
+    """The boxes of the first come to rest within it, those of the others do not."""
+    problem, scheme = dropped_boxes(), mbvi.Centered(project_positions=True)
+    v0 = np.zeros((3, 30))
+    v0[1:, 2] = 3.0
+    rollouts = mbvi.rollout(
+        problem, np.tile(problem.q0, (3, 1)), v0, steps=400, step=STEP, scheme=scheme, threads=threads
+    )
+    assert (rollouts.v[0, -50:] == 0.0).all() and (rollouts.v[1, -1] != 0.0).any()
+    for i in range(3):
+        run = mbvi.simulate(problem.at(problem.q0, v0[i]), scheme, step=STEP, duration=400 * STEP, progress=False)
+        assert rollouts.q[i].tobytes() == run.q.tobytes() and rollouts.v[i].tobytes() == run.v.tobytes()
+
+
 def test_a_force_that_begins_late_moves_a_box_that_rests():
     def force(t, q, v):
         return np.array([8.0 if t >= 0.7 else 0.0, 0, 0, 0, 0, 0])

@@ -23,9 +23,8 @@ from ..sleeping import Sleepers
 from ..tunnelling import TunnellingGuard
 from .switching import Switching
 
-# steps of the loop after which it is looked whether all bodies rest, and up to which velocities they are not looked at:
-# one body costs no more in the loop than asleep
-_WATCHED, _FEW = 128, 6
+# steps of the loop after which it is looked whether all bodies rest
+_WATCHED = 128
 
 
 class Plan(NamedTuple):
@@ -118,7 +117,7 @@ class FixedSteps:
         with Sleepers(problem, h, projector) as sleepers, failures_with_time(problem, h, lambda: state):
             observe, next_poll, fast, last_length = observed(guard, state), 0.0, True, 0.0
             loop = compiled_loop(problem, scheme, projector, recorder, guard, h, every, total)
-            watched, resting = loop is not None and sleepers.any and problem.system.nv > _FEW, False
+            watched, resting = loop is not None and sleepers.watched, False
             while done < total:
                 complete = False
                 if loop is not None and done < whole and not resting:
@@ -157,7 +156,7 @@ class FixedSteps:
                         observe(state, last_length)
                     recorder.step(state, i % every == 0 or i == total)
                 if watched and not sleepers.undisturbed:
-                    resting = sleepers.all_still(state)
+                    resting = bool(sleepers.all_still(state.v))
                     if not resting:
                         sleepers.wake()
                 if switching is not None and done < total:

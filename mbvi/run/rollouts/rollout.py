@@ -60,7 +60,8 @@ def rollout(
 
     Each rollout has the bytes of `simulate(problem.at(q0[i], v0[i], problem.t0), scheme, step=step,
     duration=steps * step)`, whatever the number of threads. Robots and a few bodies run in compiled code.
-    Scenes of many bodies, with given constraints or with a control of the whole scene run by `simulate`, one at a time.
+    Scenes of many bodies, with given constraints or with a control of the whole scene run by `simulate`, one at a time,
+    and so does a rollout once more in which all bodies of a scene without robots come to rest.
 
     Parameters
     ----------
@@ -112,7 +113,9 @@ def rollout(
     # a function of the user may have a memory of its own
     threads = 1 if has_user_forces(acting.system) else threads
     job = Job(problem, acting, chosen, q0, v0, steps, h)
-    if not (is_compiled_on_copies(acting, chosen) and job.run_compiled(threads)):
+    if is_compiled_on_copies(acting, chosen) and job.run_compiled(threads):
+        job.run_by_simulate(job.resting())
+    else:
         job.run_by_simulate()
     return Rollouts(job.q, job.v, job.status, tuple(job.errors))
 

@@ -16,8 +16,10 @@ from ...problem import Problem
 from ...schemes import MoreauJean, Paoli, Scheme
 from ...system.controls import HeldTorque
 from ...system.system import Array
+from ..accuracy import projector_of
 from ..loop.mechanism_run import MechanismRun, OwnProblem
 from ..simulate import simulate
+from ..sleeping import Sleepers
 
 # parts of the rollouts for each thread, so that none has nothing to do for long
 _PARTS = 4
@@ -95,10 +97,19 @@ class Job:
         self.q[i, done:], self.v[i, done:] = np.nan, np.nan
         self.status[i], self.errors[i] = _status_of(error, done), error
 
-    def run_by_simulate(self) -> None:
-        """Run one rollout after the other by `simulate`."""
+    def resting(self) -> Array:
+        """Return the complete rollouts in which all bodies have come to rest, and sleep in `simulate`."""
+        projector, _ = projector_of(self.acting, self.scheme, None, None, None, self.h)
+        sleepers, complete = Sleepers(self.acting, self.h, projector), np.flatnonzero(self.status == 0)
+        if not sleepers.watched:
+            return complete[:0]
+        return complete[[bool(sleepers.all_still(self.v[i, 1:]).any()) for i in complete.tolist()]]
+
+    def run_by_simulate(self, which: Array | None = None) -> None:
+        """Run one rollout after the other by `simulate`: all that have a state, or some."""
         problem, most = self.acting, deepest(self.acting)
-        for i in np.flatnonzero(self.status == RolloutStatus.COMPLETE).tolist():
+        which = np.flatnonzero(self.status == RolloutStatus.COMPLETE) if which is None else which
+        for i in which.tolist():
             start, control = problem.at(self.q0[i], self.v0[i], problem.t0), self.control
             if isinstance(control, HeldTorque):
                 control.begin(i, problem.t0, self.h, self.at_end)
