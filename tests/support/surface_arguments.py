@@ -4,8 +4,8 @@ import numpy as np
 import pinocchio as pin
 
 from mbvi.geometry.closed_form.cores_at_mesh import CoresAtMesh, place_core
-from mbvi.geometry.closed_form.mesh_tree import triangles_in_box
-from mbvi.geometry.closed_form.near_features import list_features, narrow_cone
+from mbvi.geometry.closed_form.mesh_tree import narrow_cone, triangles_in_box
+from mbvi.geometry.closed_form.near_features import list_features
 from mbvi.geometry.closed_form.surface_rows import all_rows
 from mbvi.geometry.meshes.creases import creases_of
 from mbvi.geometry.meshes.triangles import Surface
@@ -210,6 +210,11 @@ def rims(rng):
     return scene.places, scene.mesh, cores, 0, t, np.zeros((len(cores.points) + 2, 3)), scene.middle
 
 
+def rim_clearance(rng):
+    places, _, cores, s, t, _, middle = rims(rng)
+    return Scene(rng).at()._replace(cores=cores), places, s, t, middle
+
+
 def sharp_row(rng):
     scene = sharp(rng)
     at, t, k, e = feature_of(scene, [[0, 1, 2], [3, 4, 5]][int(rng.integers(2))])
@@ -283,12 +288,44 @@ def with_cone(rng):
 
 def list_vertices(rng):
     scene, at, triangles, axis, least = with_cone(rng)
-    return at, scene.s, triangles, 1e-3, scene.middle, axis, least
+    return at, scene.s, triangles, 1e-3, scene.middle, axis, least, rng.uniform(-0.2, 0.1, 8)
 
 
 def choose_edges(rng):
     scene, at, _, axis, least = with_cone(rng)
-    return at, scene.places, scene.s, axis, least, 0.01, 0.1
+    return at, scene.places, scene.s, axis, least, 0.01, 0.1, rng.uniform(-0.2, 0.1, 8), nothing_placed()
+
+
+def choose_faces(rng):
+    *given, _, _, placed = choose_edges(rng)
+    return *given, placed
+
+
+def dropped(rng):
+    """With a core above all triangles in some cases."""
+    scene = Scene(rng)
+    at, triangles = scene.listed()
+    if rng.random() < 0.5:
+        at.points[:, 2] += 0.5
+    return at, scene.s, triangles
+
+
+def write_excess(rng):
+    scene, at, triangles, axis, least = with_cone(rng)
+    count = int(np.diff(scene.cores.first_point)[scene.s])
+    return at, scene.s, triangles, 1e-3, axis, least, np.zeros(count)
+
+
+def nothing_placed():
+    """No vertex and no face is placed."""
+    return np.zeros((2, 8), bool)
+
+
+def once(rng):
+    scene = sharp(rng)
+    placed = nothing_placed()
+    placed[:] = rng.random() < 0.5
+    return scene.at(), scene.places, scene.s, 1, placed
 
 
 def list_at_triangle(rng):
@@ -304,7 +341,7 @@ def placed_feature(rng):
     at, _, k, e = feature_of(scene, [[0, 1, 2], [3, 4, 5], [6]][int(rng.integers(3))])
     if scene.s == 2 and 3 <= k < 6:
         e = 0
-    return at, scene.places, scene.s, k, e
+    return at, scene.places, scene.s, k, e, nothing_placed()
 
 
 def placed_features(kinds):
@@ -438,7 +475,12 @@ SURFACE_ARGUMENTS = {
     "is_beyond_middle": beyond_middle,
     "list_vertices": list_vertices,
     "choose_edges": choose_edges,
-    "choose_faces": lambda rng: choose_edges(rng)[:-1],
+    "choose_faces": choose_faces,
+    "drop_below": dropped,
+    "write_excess": write_excess,
+    "place_point_once": once,
+    "place_face_once": once,
+    "rim_clearance": rim_clearance,
     "may_hold": may_hold,
     "list_at_triangle": list_at_triangle,
     "place_feature": placed_feature,

@@ -98,22 +98,22 @@ def middle_of(places: Array, cores: Cores, s: int, c: int) -> float:
 def place_point(places: Array, cores: Cores, s: int, i: int, points: Array) -> None:
     """Write vertex i of core s in the world; see `place_core`."""
     f, a = cores.frame[s], cores.first_point[s] + i
+    # numbers of their own: a store in one array hinders reading another
+    x, y, z = cores.points[a, 0], cores.points[a, 1], cores.points[a, 2]
     for c in range(3):
-        points[i, c] = places[f, 3, c]
-        for k in range(3):
-            points[i, c] += cores.points[a, k] * places[f, k, c]
+        points[i, c] = places[f, 3, c] + x * places[f, 0, c] + y * places[f, 1, c] + z * places[f, 2, c]
 
 
 @kernel("void(f8[:,:,::1], Cores, i8, i8, f8[:,::1])")
 def place_face(places: Array, cores: Cores, s: int, i: int, faces: Array) -> None:
     """Write face i of core s in the world; see `place_core`."""
     f, a = cores.frame[s], cores.first_face[s] + i
-    faces[i, 3] = cores.faces[a, 3]
+    x, y, z, offset = cores.faces[a, 0], cores.faces[a, 1], cores.faces[a, 2], cores.faces[a, 3]
     for c in range(3):
-        faces[i, c] = 0.0
-        for k in range(3):
-            faces[i, c] += cores.faces[a, k] * places[f, k, c]
-        faces[i, 3] += faces[i, c] * places[f, 3, c]
+        along = x * places[f, 0, c] + y * places[f, 1, c] + z * places[f, 2, c]
+        faces[i, c] = along
+        offset += along * places[f, 3, c]
+    faces[i, 3] = offset
 
 
 @kernel("void(f8[:,:,::1], Cores, i8, f8[:,::1], f8[:,::1], f8[::1])")
@@ -179,22 +179,41 @@ def free_way(at: CoresAtMesh, places: Array, s: int) -> float:
     return free
 
 
-@kernel("void(CoresAtMesh, f8[:,:,::1], i8, i8, i8)")
-def place_feature(at: CoresAtMesh, places: Array, s: int, k: int, e: int) -> None:
-    """Write the vertices and faces that a feature of core s has in the world; k and e are those of `features`."""
+@kernel("void(CoresAtMesh, f8[:,:,::1], i8, i8, b1[:,::1])")
+def place_point_once(at: CoresAtMesh, places: Array, s: int, i: int, placed: Array) -> None:
+    """Write vertex i of core s in the world, if it is not there yet; see `place_feature`."""
+    if not placed[0, i]:
+        placed[0, i] = True
+        place_point(places, at.cores, s, i, at.points)
+
+
+@kernel("void(CoresAtMesh, f8[:,:,::1], i8, i8, b1[:,::1])")
+def place_face_once(at: CoresAtMesh, places: Array, s: int, i: int, placed: Array) -> None:
+    """Write face i of core s in the world, if it is not there yet; see `place_feature`."""
+    if not placed[1, i]:
+        placed[1, i] = True
+        place_face(places, at.cores, s, i, at.faces)
+
+
+@kernel("void(CoresAtMesh, f8[:,:,::1], i8, i8, i8, b1[:,::1])")
+def place_feature(at: CoresAtMesh, places: Array, s: int, k: int, e: int, placed: Array) -> None:
+    """Write the vertices and faces that a feature of core s has in the world; k and e are those of `features`.
+
+    `placed`, shape (2, n), says which vertices and faces are there already.
+    """
     cores, first, face = at.cores, at.cores.first_point[s], at.cores.first_face[s]
     if k == ON_IT:
-        place_point(places, cores, s, e, at.points)
+        place_point_once(at, places, s, e, placed)
     elif k < PEAK or cores.sizes[s, 3] > 0.0:
         # a segment is its only edge
         edge = e if k < PEAK else cores.first_edge[s]
         for i in range(2):
-            place_point(places, cores, s, cores.edges[edge, i] - first, at.points)
+            place_point_once(at, places, s, cores.edges[edge, i] - first, placed)
             if cores.edges[edge, 2] >= 0:
-                place_face(places, cores, s, cores.edges[edge, 2 + i] - face, at.faces)
+                place_face_once(at, places, s, cores.edges[edge, 2 + i] - face, placed)
     elif k < ON_IT:
-        place_face(places, cores, s, e, at.faces)
+        place_face_once(at, places, s, e, placed)
         for i in range(cores.first_side[face + e], cores.first_side[face + e + 1]):
-            place_point(places, cores, s, cores.sides[i, 0] - first, at.points)
-            place_point(places, cores, s, cores.sides[i, 1] - first, at.points)
-            place_face(places, cores, s, cores.sides[i, 2] - face, at.faces)
+            place_point_once(at, places, s, cores.sides[i, 0] - first, placed)
+            place_point_once(at, places, s, cores.sides[i, 1] - first, placed)
+            place_face_once(at, places, s, cores.sides[i, 2] - face, placed)

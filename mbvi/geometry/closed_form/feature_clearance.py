@@ -162,6 +162,20 @@ def edge_clearance(at: CoresAtMesh, s: int, t: int, k: int, e: int, middle: Arra
     return max(far, ends_beside(two, cosine, sine, -rw, -ru, square, still, bend + 1.0 / lever))
 
 
+@kernel("f8(CoresAtMesh, f8[:,:,::1], i8, i8, f8[::1])")
+def rim_clearance(at: CoresAtMesh, places: Array, s: int, t: int, middle: Array) -> float:
+    """Return how far cylinder s may move until a rim touches triangle t [m]: its least height above the plane of t."""
+    cores, planes, f = at.cores, at.mesh.planes, at.cores.frame[s]
+    along = square = 0.0
+    for k in range(3):
+        rim = cores.rims[s, k]
+        square += rim * rim
+        for c in range(3):
+            along += rim * places[f, k, c] * planes[t, 0, c]
+    across = cores.rims[s, 3] * np.sqrt(max(1.0 - along * along / square, 0.0))
+    return above(planes, t, 0, middle[0], middle[1], middle[2]) - abs(along) - across - 4.0 * at.eps
+
+
 @kernel("f8(CoresAtMesh, i8, i8, i8, i8, f8[::1])")
 def clearance_of_feature(at: CoresAtMesh, s: int, t: int, k: int, e: int, middle: Array) -> float:
     """Return a bound of how far core s may move until one of its features has a row whose gap is 0 or less [m].
@@ -171,14 +185,13 @@ def clearance_of_feature(at: CoresAtMesh, s: int, t: int, k: int, e: int, middle
     at : CoresAtMesh
         With the feature placed by `place_feature`.
     s, t, k, e
-        The core, and the feature; see `features`.
+        The core, and the feature, not one of rims, for which there is `rim_clearance`; see `features`.
     middle : ndarray, shape (3,)
         Middle of the core.
     """
     far = 0.0
-    if k >= ON_IT:
-        # the lowest point of a rim moves along it
-        far = vertex_clearance(at, s, t, e, middle) if at.cores.rims[s, 3] == 0.0 else 0.0
+    if k == ON_IT:
+        far = vertex_clearance(at, s, t, e, middle)
     elif at.cores.sizes[s, 3] == 0.0:
         far = (
             edge_clearance(at, s, t, k, e, middle)

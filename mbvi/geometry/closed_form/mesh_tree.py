@@ -1,4 +1,4 @@
-"""The tree of boxes about the triangles of a mesh: which triangles are near a box, and how far the tree is from it."""
+"""The tree of boxes about the triangles of a mesh: which are near a box and may touch a core, how far the tree is."""
 
 from __future__ import annotations
 
@@ -6,9 +6,15 @@ import numpy as np
 
 from ...arguments import Array
 from ...compiled import kernel
-from ..meshes.creases import Creases
+from ..meshes.creases import RIM, Creases
 from ..meshes.triangles import FEW
+from .cores_at_mesh import CoresAtMesh
+from .surface_features import above
 
+# cosine of half the angle of a cone in which no two normals are at right angles
+ACUTE = 0.71
+# part of a rim's radius by which it reaches beyond the vertices that stand for it
+RIMS = 0.01
 # the most boxes that wait in a search: one for each time that the number of triangles is halved, and one more
 _DEEPEST = 64
 
@@ -84,3 +90,76 @@ def tree_apart(boxes: Array, low: Array, high: Array) -> float:
         stack[waiting], stack[waiting + 1] = far, far ^ 1
         waiting += 2
     return best
+
+
+@kernel("f8(CoresAtMesh, i8, f8[::1])")
+def narrow_cone(at: CoresAtMesh, count: int, axis: Array) -> float:
+    """Write the axis of a cone of all normals of ridges and peaks of the first `near` triangles.
+
+    Return the least cosine of the angle of a normal and the axis; -2 if it is not known.
+    """
+    mesh, length, least = at.mesh, 0.0, 1.0
+    for c in range(3):
+        axis[c] = 0.0
+        for j in range(count):
+            axis[c] += mesh.planes[at.near[j], 0, c]
+        length += axis[c] * axis[c]
+    length = np.sqrt(length)
+    for c in range(3):
+        axis[c] /= max(length, 1e-300)
+    for j in range(count):
+        t, along = at.near[j], 0.0
+        for c in range(3):
+            along += mesh.planes[t, 0, c] * axis[c]
+        least = min(least, along)
+        for k in range(3):
+            # those of what surrounds a peak, too; at the rim there are imagined walls
+            if mesh.bend[t, k] == RIM:
+                return -2.0
+    return least if least > 0.0 else -2.0
+
+
+@kernel("i8(CoresAtMesh, i8, i8)")
+def drop_below(at: CoresAtMesh, s: int, count: int) -> int:
+    """Drop of the first `near` triangles those below core s that it cannot reach with its skin; return the new count.
+
+    All vertices of the core, which are placed, are above the plane of such a triangle by more than that. The normals of
+    its ridges and peaks must have positive cosines with its own: then gaps along them are no less than these heights.
+    """
+    cores, points, kept, i = at.cores, at.points, 0, 0
+    number = cores.first_point[s + 1] - cores.first_point[s]
+    most = cores.sizes[s, 3] + at.reach[s] + at.skin[s] + 2.0 * at.eps + RIMS * cores.rims[s, 3]
+    for j in range(count):
+        t, looked = at.near[j], 0
+        # the vertex that is low over one triangle is often low over the next
+        while looked < number and above(at.mesh.planes, t, 0, points[i, 0], points[i, 1], points[i, 2]) > most:
+            looked, i = looked + 1, i + 1 if i + 1 < number else 0
+        if looked < number:
+            at.near[kept] = t
+            kept += 1
+    return kept
+
+
+@kernel("void(CoresAtMesh, i8, i8, f8, f8[::1], f8, f8[::1])")
+def write_excess(at: CoresAtMesh, s: int, count: int, margin: float, axis: Array, least: float, excess: Array) -> None:
+    """Write how much higher along an axis the vertices of core s are than what can touch the first `near` triangles.
+
+    Parameters
+    ----------
+    s, count, margin, axis, least
+        See `list_vertices`, of `count` triangles.
+    excess : ndarray, shape (n,)
+        Receives the heights of the vertices, which are placed [m]; what has no vertex at or below 0 touches nothing.
+    """
+    mesh, cores, points, top = at.mesh, at.cores, at.points, -np.inf
+    for j in range(count):
+        for k in range(3):
+            v = mesh.triangles[at.near[j], k]
+            top = max(
+                top, mesh.vertices[v, 0] * axis[0] + mesh.vertices[v, 1] * axis[1] + mesh.vertices[v, 2] * axis[2]
+            )
+    # what sinks in behind a valley may be beside its triangle by so much, and higher by the slope
+    beside = max(cores.sizes[s, 4], margin) * (np.sqrt(1.0 - least * least) if least > 0.0 else 1.0)
+    top += cores.sizes[s, 3] + at.reach[s] + 2.0 * (at.skin[s] + at.eps) + RIMS * cores.rims[s, 3] + beside
+    for i in range(len(excess)):
+        excess[i] = points[i, 0] * axis[0] + points[i, 1] * axis[1] + points[i, 2] * axis[2] - top

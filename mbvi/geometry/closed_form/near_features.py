@@ -10,9 +10,19 @@ import numpy as np
 
 from ...arguments import Array
 from ...compiled import kernel
-from ..meshes.creases import RIM, VALLEY
-from .cores_at_mesh import ON_IT, ON_RIM, PEAK, CoresAtMesh, lever_of, middle_of, place_face, place_point, write_place
-from .mesh_tree import tree_apart, triangles_in_box
+from ..meshes.creases import VALLEY
+from .cores_at_mesh import (
+    ON_IT,
+    ON_RIM,
+    PEAK,
+    CoresAtMesh,
+    lever_of,
+    middle_of,
+    place_face_once,
+    place_point,
+    write_place,
+)
+from .mesh_tree import ACUTE, RIMS, drop_below, narrow_cone, tree_apart, triangles_in_box, write_excess
 from .surface_features import BESIDE, above, in_cone, shared_side
 
 # what a part of an arc of normals may add to the larger of the heights of its ends, relative to its chord
@@ -79,33 +89,6 @@ def meets_box(low: Array, high: Array, boxes: Array, k: int) -> bool:
     return True
 
 
-@kernel("f8(CoresAtMesh, i8, f8[::1])")
-def narrow_cone(at: CoresAtMesh, count: int, axis: Array) -> float:
-    """Write the axis of a cone of all normals of ridges and peaks of the first `near` triangles.
-
-    Return the least cosine of the angle of a normal and the axis; -2 if it is not known.
-    """
-    mesh, length, least = at.mesh, 0.0, 1.0
-    for c in range(3):
-        axis[c] = 0.0
-        for j in range(count):
-            axis[c] += mesh.planes[at.near[j], 0, c]
-        length += axis[c] * axis[c]
-    length = np.sqrt(length)
-    for c in range(3):
-        axis[c] /= max(length, 1e-300)
-    for j in range(count):
-        t, along = at.near[j], 0.0
-        for c in range(3):
-            along += mesh.planes[t, 0, c] * axis[c]
-        least = min(least, along)
-        for k in range(3):
-            # those of what surrounds a peak, too; at the rim there are imagined walls
-            if mesh.bend[t, k] == RIM:
-                return -2.0
-    return least if least > 0.0 else -2.0
-
-
 @kernel("i8(CoresAtMesh, i8, i8, i8, i8, i8)")
 def append(at: CoresAtMesh, s: int, count: int, t: int, k: int, e: int) -> int:
     """Append a feature of core s to its list, if there is room; return the new count."""
@@ -131,9 +114,9 @@ def is_beyond_middle(points: Array, i: int, middle: Array, axis: Array, least: f
     return along * least + across * np.sqrt(1.0 - least * least) <= -2.0 * skin
 
 
-@kernel("i8(CoresAtMesh, i8, i8, f8, f8[::1], f8[::1], f8)")
+@kernel("i8(CoresAtMesh, i8, i8, f8, f8[::1], f8[::1], f8, f8[::1])")
 def list_vertices(
-    at: CoresAtMesh, s: int, triangles: int, margin: float, middle: Array, axis: Array, least: float
+    at: CoresAtMesh, s: int, triangles: int, margin: float, middle: Array, axis: Array, least: float, excess: Array
 ) -> int:
     """List the vertices of core s, which is placed, that may touch near triangles; return how many.
 
@@ -145,13 +128,19 @@ def list_vertices(
         Middle of the core.
     axis, least
         Of `narrow_cone`.
+    excess
+        Of `write_excess`.
     """
-    mesh, points, skin, count = at.mesh, at.points, at.skin[s] + at.eps, 0
+    mesh, points, skin, count, over = at.mesh, at.points, at.skin[s] + at.eps, 0, np.empty(triangles)
+    for j in range(triangles):
+        over[j] = above(mesh.planes, at.near[j], 0, middle[0], middle[1], middle[2])
     radius, inner = at.cores.sizes[s, 3], at.cores.sizes[s, 4]
     # in the corner below both triangles of a valley both count
     corner = skin + max(inner, margin)
     for i in range(at.cores.first_point[s + 1] - at.cores.first_point[s]):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        if excess[i] > 0.0:
+            continue
         if radius == 0.0 and least > 0.0 and is_beyond_middle(points, i, middle, axis, least, skin):
             continue
         for j in range(triangles):
@@ -159,7 +148,7 @@ def list_vertices(
             height, k = above(mesh.planes, t, 0, x, y, z) - radius, 0
             if not -inner - radius - skin <= height <= at.reach[s] + skin:
                 continue
-            if radius == 0.0 and above(mesh.planes, t, 0, middle[0], middle[1], middle[2]) < height - 2.0 * skin:
+            if radius == 0.0 and over[j] < height - 2.0 * skin:
                 continue
             while k < 3 and above(mesh.planes, t, 1 + k, x, y, z) >= (-corner if mesh.bend[t, k] == VALLEY else -skin):
                 k += 1
@@ -168,9 +157,10 @@ def list_vertices(
     return count
 
 
-@kernel("i8(CoresAtMesh, f8[:,:,::1], i8, f8[::1], f8, f8, f8)")
+@kernel("i8(CoresAtMesh, f8[:,:,::1], i8, f8[::1], f8, f8, f8, f8[::1], b1[:,::1])")
 def choose_edges(
-    at: CoresAtMesh, places: Array, s: int, axis: Array, least: float, turn: float, around: float
+    at: CoresAtMesh, places: Array, s: int, axis: Array, least: float, turn: float, around: float, excess: Array,
+    placed: Array,
 ) -> int:  # fmt: skip
     """List the edges of core s that may have a normal of the near triangles, and place their faces; return how many.
 
@@ -182,12 +172,16 @@ def choose_edges(
         How far a unit vector may move with the core.
     around : float
         By how much the box about each edge is widened [m].
+    excess, placed
+        See `write_excess` and `place_feature`.
     """
     cores, points, count = at.cores, at.points, 0
     first, face = cores.first_point[s], cores.first_face[s]
     for e in range(cores.first_edge[s], cores.first_edge[s + 1]):
         a, b, p, q = cores.edges[e, 0] - first, cores.edges[e, 1] - first, cores.edges[e, 2], cores.edges[e, 3]
         if p >= 0:
+            if min(excess[a], excess[b]) > 0.0:
+                continue
             one = two = chord = 0.0
             for c in range(3):
                 one -= cores.faces[p, c] * axis[c]
@@ -195,8 +189,8 @@ def choose_edges(
                 chord += (cores.faces[p, c] - cores.faces[q, c]) ** 2
             if max(one, two) + _ARC * np.sqrt(chord) < least - turn - BESIDE:
                 continue
-            place_face(places, cores, s, p - face, at.faces)
-            place_face(places, cores, s, q - face, at.faces)
+            place_face_once(at, places, s, p - face, placed)
+            place_face_once(at, places, s, q - face, placed)
         at.chosen[0, count] = e
         for c in range(3):
             x, y = points[a, c], points[b, c]
@@ -205,8 +199,10 @@ def choose_edges(
     return count
 
 
-@kernel("i8(CoresAtMesh, f8[:,:,::1], i8, f8[::1], f8, f8)")
-def choose_faces(at: CoresAtMesh, places: Array, s: int, axis: Array, least: float, turn: float) -> int:
+@kernel("i8(CoresAtMesh, f8[:,:,::1], i8, f8[::1], f8, f8, b1[:,::1])")
+def choose_faces(
+    at: CoresAtMesh, places: Array, s: int, axis: Array, least: float, turn: float, placed: Array
+) -> int:  # fmt: skip
     """List the faces of core s that may have a normal of the near triangles, and place them; see `choose_edges`."""
     cores, count, face = at.cores, 0, at.cores.first_face[s]
     for f in range(cores.first_face[s + 1] - face):
@@ -214,7 +210,7 @@ def choose_faces(at: CoresAtMesh, places: Array, s: int, axis: Array, least: flo
         for c in range(3):
             along -= cores.faces[face + f, c] * axis[c]
         if along >= least - turn - BESIDE:
-            place_face(places, cores, s, f, at.faces)
+            place_face_once(at, places, s, f, placed)
             at.chosen[1, count] = f
             count += 1
     return count
@@ -299,8 +295,7 @@ def list_features(at: CoresAtMesh, places: Array, s: int, tolerance: float, marg
         place_point(places, cores, s, i, points)
     # searches of a step differ in their tolerance
     at.reach[s], at.slack[s] = max(tolerance, at.skin[s]), -1.0
-    # rims reach beyond the vertices that stand for them
-    around = radius + max(at.reach[s], inner) + at.skin[s] + at.eps + 0.01 * cores.rims[s, 3]
+    around = radius + max(at.reach[s], inner) + at.skin[s] + at.eps + RIMS * cores.rims[s, 3]
     write_place(at, places, s, at.place[s])
     for c in range(3):
         middle[c] = middle_of(places, cores, s, c)
@@ -317,14 +312,21 @@ def list_features(at: CoresAtMesh, places: Array, s: int, tolerance: float, marg
         return 0, 0
     turn = at.skin[s] / lever_of(at, s)
     least = narrow_cone(at, triangles, axis)
+    kept = drop_below(at, s, triangles) if least > ACUTE else triangles
+    if kept == 0:
+        # `free_way` knows by a slack beyond the skin that the core is above the mesh
+        at.counts[s], at.slack[s] = 0, at.skin[s] + 0.5 * at.eps
+        return triangles, 0
     for k in range(3):
         own_axis[k] = 0.0
         for c in range(3):
             own_axis[k] += places[f, k, c] * axis[c]
-    count = list_vertices(at, s, triangles, margin, middle, axis, least)
-    edges = choose_edges(at, places, s, own_axis, least, turn, around)
-    faces = choose_faces(at, places, s, own_axis, least, turn)
-    for j in range(triangles):
+    excess, placed = np.empty(number), np.zeros((2, max(len(at.points), len(at.faces))), np.bool_)
+    write_excess(at, s, kept, margin, axis, least, excess)
+    count = list_vertices(at, s, kept, margin, middle, axis, least, excess)
+    edges = choose_edges(at, places, s, own_axis, least, turn, around, excess, placed)
+    faces = choose_faces(at, places, s, own_axis, least, turn, placed)
+    for j in range(kept):
         count = list_at_triangle(at, s, at.near[j], edges, faces, turn, count)
     if count <= at.features.shape[1]:
         at.counts[s], at.way[s], at.slack[s] = count, 0.0, at.skin[s]

@@ -12,7 +12,7 @@ from ..shapes.convex_cores import Cores
 from ..shapes.shapes import TILTED
 from ..vectors import within_plane
 from .cores_at_mesh import ON_IT, ON_RIM, PEAK, CoresAtMesh, middle_of, place_feature, travel_from, write_place
-from .feature_clearance import clearance_of_feature
+from .feature_clearance import clearance_of_feature, rim_clearance
 from .near_features import list_features
 from .surface_features import BESIDE as BESIDE_NORMALS
 from .surface_features import (
@@ -182,15 +182,23 @@ def all_rows(at: CoresAtMesh, places: Array, s: int, tolerance: float) -> tuple[
             return triangles, features, 0
     if at.counts[s] == 0:
         return 0, 0, 0
-    middle = np.empty(3)
+    begin, way = 0, at.way[s] + most
+    while begin < at.counts[s] and at.clear_to[s, begin] > way:
+        begin += 1
+    if begin == at.counts[s]:
+        return 0, begin, 0
+    middle, placed = np.empty(3), np.zeros((2, max(len(at.points), len(at.faces))), np.bool_)
     for c in range(3):
         middle[c] = middle_of(places, cores, s, c)
-    for n in range(at.counts[s]):
-        if at.clear_to[s, n] > at.way[s] + most:
+    for n in range(begin, at.counts[s]):
+        if at.clear_to[s, n] > way:
             continue
         t, k, e = at.features[s, n, 0], at.features[s, n, 1], at.features[s, n, 2]
-        place_feature(at, places, s, k, e)
-        far = clearance_of_feature(at, s, t, k, e, middle)
+        place_feature(at, places, s, k, e, placed)
+        if k == ON_RIM:
+            far = rim_clearance(at, places, s, t, middle)
+        else:
+            far = clearance_of_feature(at, s, t, k, e, middle)
         at.clear_to[s, n] = at.way[s] + far
         if far > most:
             continue
