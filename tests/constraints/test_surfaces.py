@@ -8,7 +8,7 @@ from scipy.spatial import ConvexHull, Delaunay
 import mbvi
 from mbvi.constraints import ShapeSurface
 from mbvi.geometry.closed_form.cores_at_mesh import ON_IT, free_way, place_feature, travel_from, write_place
-from mbvi.geometry.closed_form.feature_clearance import clearance_of_feature
+from mbvi.geometry.closed_form.feature_clearance import clearance_of_feature, rim_clearance
 from mbvi.geometry.closed_form.surface_rows import sharp_row, vertex_row
 
 SCHEMES = [mbvi.Paoli(), mbvi.Centered(), mbvi.StewartTrinkle()]
@@ -209,6 +209,23 @@ def test_no_feature_has_a_row_within_its_clearance(kind):
     # of few it is known no better than to half
     assert beyond > 10
     assert far_ones > 0.15 * tried / 4
+
+
+def test_the_clearance_of_rims_is_the_height_of_their_lowest_point():
+    """By points all around both rims, 1e-3 apart in angle."""
+    rng, angle = np.random.default_rng(4), 1e-3 * np.arange(6284)
+    ring = 0.08 * np.column_stack([np.cos(angle), np.sin(angle), np.zeros(len(angle))])
+    half = np.array([0.0, 0.0, 0.05])
+    rims = np.concatenate([ring - half, ring + half])
+    problem = scene_of("cylinder", (0, 0, 0.3), mesh=rough_field(rng)).build()
+    family, system = surface_of(problem), problem.system
+    at = family.at_mesh
+    for _ in range(50):
+        places = family._places(system.integrate(problem.q0, rng.normal(size=6)))
+        t, middle = int(rng.integers(len(at.mesh.triangles))), places[0, 3].copy()
+        normal, offset = at.mesh.planes[t, 0, :3], at.mesh.planes[t, 0, 3]
+        lowest = ((rims @ places[0, :3] + middle) @ normal - offset).min()
+        assert lowest - 1e-7 <= rim_clearance(at, places, 0, t, middle) <= lowest
 
 
 @pytest.mark.parametrize("kind", ["box", "hull", "cylinder"])
