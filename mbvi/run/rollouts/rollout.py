@@ -113,10 +113,10 @@ def rollout(
     # a function of the user may have a memory of its own
     threads = 1 if has_user_forces(acting.system) else threads
     job = Job(problem, acting, chosen, q0, v0, steps, h)
-    if is_compiled_on_copies(acting, chosen) and job.run_compiled(threads):
-        job.run_by_simulate(job.resting())
-    else:
-        job.run_by_simulate()
+    compiled = is_compiled_on_copies(acting, chosen) and job.run_compiled(threads)
+    left = job.resting() if compiled else job.valid()
+    if left.size:
+        job.run_by_simulate(left)
     return Rollouts(job.q, job.v, job.status, tuple(job.errors))
 
 

@@ -97,18 +97,21 @@ class Job:
         self.q[i, done:], self.v[i, done:] = np.nan, np.nan
         self.status[i], self.errors[i] = _status_of(error, done), error
 
+    def valid(self) -> Array:
+        """Return the rollouts in which nothing has failed yet."""
+        return np.flatnonzero(self.status == RolloutStatus.COMPLETE)
+
     def resting(self) -> Array:
         """Return the complete rollouts in which all bodies have come to rest, and sleep in `simulate`."""
         projector, _ = projector_of(self.acting, self.scheme, None, None, None, self.h)
-        sleepers, complete = Sleepers(self.acting, self.h, projector), np.flatnonzero(self.status == 0)
+        sleepers, complete = Sleepers(self.acting, self.h, projector), self.valid()
         if not sleepers.watched:
             return complete[:0]
         return complete[[bool(sleepers.all_still(self.v[i, 1:]).any()) for i in complete.tolist()]]
 
-    def run_by_simulate(self, which: Array | None = None) -> None:
-        """Run one rollout after the other by `simulate`: all that have a state, or some."""
+    def run_by_simulate(self, which: Array) -> None:
+        """Run some rollouts by `simulate`, one after the other."""
         problem, most = self.acting, deepest(self.acting)
-        which = np.flatnonzero(self.status == RolloutStatus.COMPLETE) if which is None else which
         for i in which.tolist():
             start, control = problem.at(self.q0[i], self.v0[i], problem.t0), self.control
             if isinstance(control, HeldTorque):
