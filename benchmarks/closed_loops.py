@@ -23,7 +23,6 @@ for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
 import argparse  # noqa: E402
 import sys  # noqa: E402
 import tempfile  # noqa: E402
-import time  # noqa: E402
 from pathlib import Path  # noqa: E402
 from typing import NamedTuple  # noqa: E402
 
@@ -33,6 +32,7 @@ from robot_cases import again  # noqa: E402
 from turns import HEADS, SCHEMES, STEP, Times, machine, run_time, simulated, table, timing_cells, write_section  # noqa: E402
 
 import mbvi  # noqa: E402
+from mbvi_studies.engines.robot_in_mujoco import time_of_steps  # noqa: E402
 
 sys.path.append(str(Path(__file__).parents[1] / "examples"))
 
@@ -97,10 +97,7 @@ class CassieInMuJoCo:
     def time(self, count: int) -> float:
         """Return the time of one step among `count`, the first excluded [s]."""
         self.reset()
-        mujoco.mj_step(self.model, self.data)
-        start = time.process_time()
-        mujoco.mj_step(self.model, self.data, nstep=count - 1)
-        return (time.process_time() - start) / (count - 1)
+        return time_of_steps(self.model, self.data, count)
 
     def gap(self, count: int) -> float:
         """Return by how much a loop is open at most in `count` steps [m]."""

@@ -27,6 +27,14 @@ _AGREEMENT = 1e-6
 _TIME = 0.02
 
 
+def time_of_steps(model: Any, data: Any, count: int) -> float:
+    """Return the CPU time of one of MuJoCo's steps among `count` from a state on, the first excluded [s]."""
+    mujoco.mj_step(model, data)
+    start = time.process_time()
+    mujoco.mj_step(model, data, nstep=count - 1)
+    return (time.process_time() - start) / (count - 1)
+
+
 class MuJoCoRobot:
     """One robot, its half-spaces and height fields, start and constant torques in MuJoCo; Euler, the default solver.
 
@@ -99,10 +107,7 @@ class MuJoCoRobot:
     def time(self, count: int) -> float:
         """Return the time of one step among `count`, the first excluded [s]."""
         self._reset()
-        mujoco.mj_step(self.model, self.data)
-        start = time.process_time()
-        mujoco.mj_step(self.model, self.data, nstep=count - 1)
-        return (time.process_time() - start) / (count - 1)
+        return time_of_steps(self.model, self.data, count)
 
     def time_controlled(self, control: Control, count: int) -> float:
         """Return the time of one step among `count` under a control of the joints, which sees a base of zeros [s]."""

@@ -437,7 +437,7 @@ CALLS = {
     "project_positions": [(DEFAULT, swaying, ROUGH, 100), (DEFAULT, struck, MIXED, 90), (DEFAULT, swaying, BOUNCY, 9)],
     "close_what_returns": [(DEFAULT, swaying, BOUNCY, 9), (DEFAULT, quadruped, MIXED, 3), (DEFAULT, struck, MIXED, 5)],
     "join_law": [(DEFAULT, swaying, BOUNCY, 0), (DEFAULT, swaying, BOUNCY, 2), (DEFAULT, swaying, MIXED, 1)],
-    "write_speeds_after": [(DEFAULT, struck, ROUGH, 50), (DEFAULT, struck, BOUNCY, 3), (DEFAULT, one_box, ROUGH, 1)],
+    "write_rates_at": [(DEFAULT, struck, ROUGH, 50), (DEFAULT, struck, BOUNCY, 3), (DEFAULT, one_box, ROUGH, 1)],
     **{
         name: [(DEFAULT, swaying, ROUGH, 12), (DEFAULT, struck, MIXED, 40), (DEFAULT, swaying, MIXED, 20)]
         for name in ("may_sink", "sticking_contacts")

@@ -81,7 +81,7 @@ class MovingFrame:
     def velocity(self, point: Array) -> Array:
         """Return the velocities of points of the walls, shape (k, 3) [m/s]."""
         x, y, z = np.asarray(self._spin).tolist()
-        # np.cross would take ten times as long
+        # np.cross takes several times as long
         return np.asarray(self._velocity + point @ np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]))
 
     @property

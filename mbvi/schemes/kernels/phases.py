@@ -117,21 +117,23 @@ def apply_law_with_joints(s: MechanismStep, v: Array, h: float, opened: Array) -
     return code
 
 
+@kernel("void(MechanismStep, RowBuffer, f8[::1], i8)")
+def write_rates_at(s: MechanismStep, rows: RowBuffer, v: Array, r: int) -> None:
+    """Write the rates of rows at a velocity, shape (nv,), to place r of `rates`, `slip` and `turn`."""
+    k = rows.size[0]
+    row_speeds(rows.J, v, 1.0, s.rates[r * k : (r + 1) * k])
+    if len(rows.T) > 0:
+        row_speeds(rows.T, v, 1.0, s.slip[2 * r * k : 2 * (r + 1) * k])
+    if len(rows.R) > 0:
+        row_speeds(rows.R, v, 1.0, s.turn[3 * r * k : 3 * (r + 1) * k])
+
+
 @kernel("void(MechanismStep, RowBuffer, f8[::1])")
 def write_rates(s: MechanismStep, rows: RowBuffer, v: Array) -> None:
     """Write the rates of rows under forces alone, after and before the law; v, shape (nv,), is the velocity before."""
-    k = rows.size[0]
-    row_speeds(rows.J, s.room.free, 1.0, s.rates[k : 2 * k])
-    row_speeds(rows.J, s.v, 1.0, s.rates[2 * k : 3 * k])
-    row_speeds(rows.J, v, 1.0, s.rates[3 * k : 4 * k])
-    if len(rows.T) > 0:
-        row_speeds(rows.T, s.room.free, 1.0, s.slip[2 * k : 4 * k])
-        row_speeds(rows.T, s.v, 1.0, s.slip[4 * k : 6 * k])
-        row_speeds(rows.T, v, 1.0, s.slip[6 * k : 8 * k])
-    if len(rows.R) > 0:
-        row_speeds(rows.R, s.room.free, 1.0, s.turn[3 * k : 6 * k])
-        row_speeds(rows.R, s.v, 1.0, s.turn[6 * k : 9 * k])
-        row_speeds(rows.R, v, 1.0, s.turn[9 * k : 12 * k])
+    write_rates_at(s, rows, s.room.free, 1)
+    write_rates_at(s, rows, s.v, 2)
+    write_rates_at(s, rows, v, 3)
 
 
 @kernel("void(MechanismStep, RowBuffer, f8[::1], f8[:,::1])")

@@ -14,6 +14,7 @@ from ...projection.tree import solve
 from ...system.free.free_momentum import keep_momentum_of_rows
 from ...system.mechanisms.mechanism import glide, place
 from ...system.system import Array
+from ..kernels.phases import write_rates_at
 from ..kernels.records import DONE, MechanismStep
 from .bounds_kernel import apply_bounds
 from .closed_kernel import bears_or_sinks, closed_contacts
@@ -189,18 +190,6 @@ def start_of_tangent_law(s: MechanismStep, there: RowBuffer, order: Array, start
         start[j] = s.room.after[j] - change[0, j] if s.bodies.owner[j] >= 0 else s.room.free[j]
 
 
-@kernel("void(MechanismStep, RowBuffer)")
-def write_speeds_after(s: MechanismStep, rows: RowBuffer) -> None:
-    """Write the rates of rows at the velocity after the step."""
-    k = rows.size[0]
-    for i in range(k):
-        s.rates[2 * k + i] = inner(rows.J[i], s.v)
-        for c in range(2 if len(rows.T) > 0 else 0):
-            s.slip[2 * (2 * k + i) + c] = inner(rows.T[2 * i + c], s.v)
-        for c in range(3 if len(rows.R) > 0 else 0):
-            s.turn[3 * (2 * k + i) + c] = inner(rows.R[3 * i + c], s.v)
-
-
 @kernel("i8(MechanismStep, f8[::1], f8, Sunk, RowBuffer, i8[::1])")
 def follow(s: MechanismStep, v: Array, half: float, sunk: Sunk, near: RowBuffer, owner: Array) -> int:
     """Take the projected configuration, with a velocity tangent to its closed contacts; return a code.
@@ -253,7 +242,7 @@ def follow(s: MechanismStep, v: Array, half: float, sunk: Sunk, near: RowBuffer,
     copy_rows(there, s.rows)
     if len(s.bodies.mass) > 0:
         keep_momentum_of_rows(s.bodies, s.rows.J[:k], s.q, room.after, room.end, sunk.place, s.v)
-        write_speeds_after(s, s.rows)
+        write_rates_at(s, s.rows, s.v, 2)
     for j in range(len(s.q)):
         s.q[j] = sunk.place[j]
     return DONE

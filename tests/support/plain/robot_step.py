@@ -74,7 +74,7 @@ def _tree_law_plain(
     J: Array, e: Array, opened: Array, last: Array, limit: float, w: Array, rates: Array,
 ) -> float:  # fmt: skip
     """Write argmin |w - x|_M with J w >= -e J v, where x is the free motion of one mechanism; see `tree_law`."""
-    L, x = np.empty(mass.shape), np.empty(len(v))
+    L, x = np.zeros(mass.shape), np.empty(len(v))
     if advance_plain(mass, damping, parent, v, h, torque, effects, twice, L[:0], L, np.empty((2, len(v))), x):
         return np.inf
     if factor_plain(mass, 0.0, damping, parent, L):
