@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import pinocchio as pin
+from scipy.sparse import csr_array
 
 from .arguments import LARGEST, Array, boolean, finite, positive, shown, vector
 from .arguments import friction as checked_friction
@@ -18,7 +19,7 @@ from .constraints.families.given import checked_constraints
 from .errors import DivergedError, InadmissibleStartError, InputError
 from .system import ArticulatedSystem, System, checked_system, parts_of
 from .system.actuators import Actuators, DrivenActuators, Inputs
-from .system.free.free_body_table import FreeBodyTable, free_body_table
+from .system.free.free_body_table import FreeBodyTable, free_body_table, velocities_in_space
 
 if TYPE_CHECKING:
     from .geometry.shapes.shapes import HalfSpace, PlacedShape
@@ -332,6 +333,11 @@ class Problem:
     def free_bodies(self) -> FreeBodyTable:
         """The free bodies of the system."""
         return free_body_table(self.system)
+
+    @cached_property
+    def in_space(self) -> csr_array | None:
+        """The matrix that maps v to velocities of bodies in space; None if no body moves in a plane."""
+        return velocities_in_space(self.system)
 
     def _check_system(self) -> None:
         self.system.check(self.t0, self.q0, self.v0)

@@ -119,6 +119,39 @@ def test_two_bodies_of_unequal_moments_keep_both_momenta(kinds, e, mu, tmp_path)
     assert struck > 2
 
 
+PLANES = {"xy": [0, 1], "xz": [0, 2], "yz": [1, 2]}
+
+
+@pytest.mark.parametrize("mu", [0.0, 0.5])
+@pytest.mark.parametrize("plane", PLANES)
+@pytest.mark.parametrize("kinds", [("ball", "ball"), ("box", "ball"), ("box", "box")], ids="-".join)
+def test_two_bodies_in_a_plane_keep_both_momenta(kinds, plane, mu):
+    struck, along = 0, PLANES[plane]
+    across = np.cross(*np.eye(3)[along])
+    for seed in range(3):
+        rng = np.random.default_rng([seed, 11])
+        scene = mbvi.Scene(gravity=(0, 0, 0), restitution=[0.0, 0.4, 1.0][seed], friction=mu, plane=plane)
+        n = np.zeros(3)
+        n[along] = rng.normal(size=2)
+        n /= np.linalg.norm(n)
+        for kind, side in zip(kinds, (-1.0, 1.0), strict=True):
+            aside, drift = np.zeros((2, 3))
+            aside[along], drift[along] = 0.04 * rng.normal(size=2), 0.4 * rng.normal(size=2)
+            place = {"position": 0.25 * side * n + aside + 0.3 * across, "velocity": -2.0 * side * n + drift}
+            turn = Rotation.from_rotvec(rng.uniform(0.0, 6.0) * across).as_matrix()
+            spin = 4.0 * rng.normal() * across
+            if kind == "ball":
+                scene.add_sphere(0.15, mass=rng.uniform(0.5, 3.0), **place)
+            else:
+                scene.add_box((0.3, 0.2, 0.25), mass=rng.uniform(0.5, 3.0), **place, rotation=turn, angular_velocity=spin)
+        problem = scene.build()
+        for scheme in SCHEMES:
+            steps = [step for _, step in zip(range(60), mbvi.steps(problem, scheme, step=4e-3), strict=False)]
+            struck += any(step.percussion.any() for step in steps)
+            assert largest_changes(problem, [(step.q, step.v) for step in steps]).max() < 1e-13
+    assert struck > 6
+
+
 @pytest.mark.parametrize("kind", ["box", "link"])
 @pytest.mark.parametrize("scheme", [mbvi.Centered(), PROJECTING[0]], ids=repr)
 def test_elastic_bodies_that_spin_keep_their_energy(scheme, kind, tmp_path):

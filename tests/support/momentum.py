@@ -5,6 +5,7 @@ import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
 from mbvi.system.free.bodies import FreeBodies, Spheres
+from mbvi.system.free.planar import PlanarBodies, PlanarSpheres
 
 
 def momentum(problem, q, v):
@@ -30,11 +31,17 @@ def _robot(system, q, v):
 
 
 def _bodies(system, q, v):
-    assert type(system) in (FreeBodies, Spheres)
+    assert type(system) in (FreeBodies, Spheres, PlanarBodies, PlanarSpheres)
+    turns = isinstance(system, FreeBodies)
+    places, speeds = q.reshape(len(system.masses), -1), v.reshape(len(system.masses), -1)
+    if type(system) in (PlanarBodies, PlanarSpheres):
+        # along the two axes of the world in the plane, in their order, and about its normal in the body's axes
+        flat, speeds = speeds, np.zeros((len(speeds), 6 if turns else 3))
+        speeds[:, np.flatnonzero(np.abs(system.axes[2]) < 0.5)] = flat[:, :2]
+        speeds[:, 3:] = flat[:, 2:] * system.normals if turns else 0.0
     for k, mass in enumerate(system.masses):
-        if type(system) is Spheres:
-            yield mass * v[3 * k : 3 * k + 3], q[3 * k : 3 * k + 3], np.zeros(3)
-        else:
-            R = Rotation.from_quat(q[7 * k + 3 : 7 * k + 7].copy()).as_matrix()
-            spin = R @ system.inertias[k] @ v[6 * k + 3 : 6 * k + 6]
-            yield mass * v[6 * k : 6 * k + 3], q[7 * k : 7 * k + 3], spin
+        spin = np.zeros(3)
+        if turns:
+            R = Rotation.from_quat(places[k, 3:].copy()).as_matrix()
+            spin = R @ system.inertias[k] @ speeds[k, 3:]
+        yield mass * speeds[k, :3], places[k, :3], spin

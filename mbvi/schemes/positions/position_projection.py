@@ -207,11 +207,11 @@ def _with_tangent_velocity(
     may_open = closing_speeds(problem, rows, rest)
     if may_open is not None:
         lower = np.where(stays & (may_open > 0.0), np.minimum(lower, -may_open), lower)
-    bodies, before = problem.free_bodies, step
-    start = without_percussions(bodies, applied.motion, step, rows, np.concatenate([owner, rest_of_law]))
+    before = step
+    start = without_percussions(problem, applied.motion, step, rows, np.concatenate([owner, rest_of_law]))
     step = _with_bounds(applied, step, rows, lower, projector, start)
     step = step._replace(q=projected.q, residual=max(step.residual, projected.residual))
-    return with_momentum(bodies, step, place, before.q, before.v)
+    return with_momentum(problem, step, place, before.q, before.v)
 
 
 def _sticking(problem: Problem, applied: Applied, step: Step) -> Array | None:

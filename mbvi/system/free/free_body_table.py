@@ -6,10 +6,12 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
+from scipy.sparse import block_diag, csr_array, eye_array
 
 from ...compiled import record
-from ..system import Array, System
+from ..system import Array, Part, System
 from .bodies import FreeBodies, Spheres
+from .planar import PlanarBodies, PlanarSpheres
 from .spinning import free_links
 
 
@@ -20,7 +22,8 @@ class FreeBodyTable(NamedTuple):
     Attributes
     ----------
     q, v : ndarray of int, shape (n,)
-        Where the coordinates of each begin in q, and in v.
+        Where the coordinates of each begin in q, and in v; of problems with bodies in a plane in the velocities in
+        space, see `velocities_in_space`.
     mass : ndarray, shape (n,)
         Masses [kg].
     inertia, inverse : ndarray, shape (n, 3, 3)
@@ -46,36 +49,68 @@ class FreeBodyTable(NamedTuple):
     centre: Array
 
 
+# a body that turns, whose linear velocity is that of an origin; and the place of its centre there
+_Body = tuple[float, Array, bool, bool, Array]
+
+
 def free_body_table(system: System) -> FreeBodyTable:
-    """Return the table of a system; bodies that move in a plane, or are connected to others, are not in it."""
-    found: list[tuple[int, int, float, Array, bool, bool, Array]] = []
-    owner, none = np.full(system.nv, -1), np.zeros(3)
+    """Return the table of a system; bodies that are connected to others are not in it."""
+    q: list[int] = []
+    v: list[int] = []
+    found: list[_Body] = []
     coupled = {column for columns in system.coupled() for column in columns.tolist()}
+    owner: list[int] = []
     for part in system.located_parts():
-        bodies, own = part.system, []
-        # of classes derived from these q or v may differ
-        if type(bodies) is FreeBodies:
-            each = enumerate(zip(bodies.masses, bodies.inertias, strict=True))
-            own = [(part.q + 7 * k, part.v + 6 * k, mass, inertia, True, False, none) for k, (mass, inertia) in each]
-        elif type(bodies) is Spheres:
-            balls = enumerate(bodies.masses)
-            own = [(part.q + 3 * k, part.v + 3 * k, mass, np.zeros((3, 3)), False, False, none) for k, mass in balls]
-        elif bodies.model is not None and is_one_link(bodies.model):
-            body = bodies.model.inertias[1]
-            own = [(part.q, part.v, body.mass, body.inertia, True, True, body.lever)]
-        for one in own:
-            columns = range(one[1], one[1] + (6 if one[4] else 3))
-            if coupled.isdisjoint(columns):
-                owner[columns.start : columns.stop] = len(found)
-                found.append(one)
-    q, v, mass, inertia, turns, turning, centre = zip(*found, strict=True) if found else ((),) * 7
+        each, place = _bodies_of(part), part.q
+        nv = part.system.nv // max(len(each), 1)
+        for k, body in enumerate(each):
+            columns = 6 if body[2] else 3
+            free = coupled.isdisjoint(range(part.v + k * nv, part.v + (k + 1) * nv))
+            if free:
+                q.append(place)
+                v.append(len(owner))
+                found.append(body)
+            owner += columns * [len(found) - 1 if free else -1]
+            place += 7 if body[2] else 3
+        owner += [] if each else part.system.nv * [-1]
+    mass, inertia, turns, turning, centre = zip(*found, strict=True) if found else ((),) * 5
     inertias, rotates = np.array(inertia, float).reshape(-1, 3, 3), np.array(turns, bool)
     inverse = np.zeros(inertias.shape)
     inverse[rotates] = np.linalg.inv(inertias[rotates])
     return FreeBodyTable(
-        np.array(q, np.int64), np.array(v, np.int64), np.array(mass, float), inertias, inverse, rotates, owner,
-        np.array(turning, bool), np.array(centre, float).reshape(-1, 3),
+        np.array(q, np.int64), np.array(v, np.int64), np.array(mass, float), inertias, inverse, rotates,
+        np.array(owner, np.int64), np.array(turning, bool), np.array(centre, float).reshape(-1, 3),
     )  # fmt: skip
+
+
+def _bodies_of(part: Part) -> list[_Body]:
+    """Return the free bodies of a part; none of a mechanism, or of a class derived from these: q or v may differ."""
+    bodies, none = part.system, np.zeros(3)
+    if type(bodies) is FreeBodies:
+        return [(mass, own, True, False, none) for mass, own in zip(bodies.masses, bodies.inertias, strict=True)]
+    if type(bodies) is PlanarBodies:
+        # of its inertia only the moment about the normal acts
+        moments = bodies.moments.tolist()
+        return [(mass, own * np.eye(3), True, False, none) for mass, own in zip(bodies.masses, moments, strict=True)]
+    if type(bodies) in (Spheres, PlanarSpheres):
+        return [(mass, np.zeros((3, 3)), False, False, none) for mass in bodies.masses]
+    if bodies.model is not None and is_one_link(bodies.model):
+        body = bodies.model.inertias[1]
+        return [(body.mass, body.inertia, True, True, body.lever)]
+    return []
+
+
+def velocities_in_space(system: System) -> csr_array | None:
+    """Return the matrix that maps v to velocities of bodies in space, of orthonormal columns; None if v has these.
+
+    Parts that do not move in a plane keep theirs.
+    """
+    parts = [part.system for part in system.located_parts()]
+    flat = [part for part in parts if type(part) in (PlanarBodies, PlanarSpheres)]
+    if not flat:
+        return None
+    blocks = [part.in_space() if part in flat else eye_array(part.nv) for part in parts]
+    return csr_array(block_diag(blocks, format="csr"))
 
 
 def is_one_link(model: pin.Model) -> bool:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 import pinocchio as pin
-from scipy.sparse import csr_array
+from scipy.sparse import block_diag, csr_array
 
 from ...compiled import plain_array
 from ...projection import DiagonalMetric
@@ -40,6 +40,10 @@ class PlanarSpheres(Spheres):
         self._places = np.add.outer(np.arange(0, self.nq, 3), np.arange(3)[self._along]).ravel()
         self._pull = np.tile(gravity[self._along], len(masses))
         self._weight = masses[:, None] * gravity
+
+    def in_space(self) -> csr_array:
+        """Return the matrix that maps v to the velocities of centres in space, shape (3 n, nv)."""
+        return csr_array(block_diag([np.eye(3)[:, self._along]] * len(self._weight)))
 
     def integrate(self, q: Array, dv: Array) -> Array:
         new = q.copy()
@@ -84,8 +88,8 @@ class PlanarBodies(FreeBodies):
         self.axes, self._along, self.normals = axes, _columns(axes), normals
         # directions of the velocities, in the order of the world's axes, and the rotation axis
         self._directions = np.vstack([np.eye(3)[self._along], axes[2]])
-        moments = np.einsum("ki,kij,kj->k", normals, inertias, normals)
-        diagonal = np.stack([masses, masses, moments], axis=1).ravel()
+        self.moments = np.einsum("ki,kij,kj->k", normals, inertias, normals)
+        diagonal = np.stack([masses, masses, self.moments], axis=1).ravel()
         self._metric = DiagonalMetric(diagonal)
         pull = np.zeros((len(masses), 3))
         pull[:, :2] = gravity[self._along]
@@ -101,6 +105,11 @@ class PlanarBodies(FreeBodies):
         return super().integrate(q, self._in_space(dv))
 
     integrate_each, difference_each = System.integrate_each, System.difference_each
+
+    def in_space(self) -> csr_array:
+        """Return the matrix that maps v to the velocities of bodies in space, shape (6 n, nv)."""
+        across = np.eye(3)[:, self._along]
+        return csr_array(block_diag([part for normal in self.normals for part in (across, normal[:, None])]))
 
     def _in_space(self, v: Array) -> Array:
         """Return the velocities of bodies in space."""
