@@ -111,7 +111,7 @@ class Problem:
         own. Others need tangents; see `GapFunction`.
     energy_cap : bool
         Whether an impact with friction that would gain kinetic energy takes the largest restitution e' <= e with which
-        it gains none, up to 32 contacts at once. e' is recorded as `Impact.e_used`.
+        it gains none, up to 64 contacts at once. e' is recorded as `Impact.e_used`.
     t0 : float
         Initial time [s].
     length : float

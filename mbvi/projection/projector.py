@@ -50,7 +50,7 @@ class Projector:
     accepted : AcceptedDepth, optional
         Replaces the residual in projections of sparse rows that give the length of their step.
     friction_residual : float, optional
-        The relative residual of Coulomb's law where more than 32 contacts are not solved exactly; `residual` by
+        The relative residual of Coulomb's law where more than 64 contacts are not solved exactly; `residual` by
         default.
     energy_cap : bool
         Whether restitution is limited so that no impact with friction gains energy.

@@ -14,7 +14,7 @@ from ..schemes import SchemeBase
 from ..system import located_parts, parts_of
 
 DEFAULT_RESIDUAL, DEFAULT_DEPTH = 1e-6, 1e-3
-# of Coulomb's law for more than 32 contacts
+# of Coulomb's law for more than 64 contacts
 FRICTION_RESIDUAL = 1e-3
 # size of the bodies of a system without shapes, in lengths of the scene
 _SIZE = 0.1

@@ -38,7 +38,7 @@ def test_balls_roll_on_a_tray_that_is_pushed(angle, loops):
 
 
 def test_which_bodies_with_friction_the_loop_takes():
-    """Bodies that could stand on 32 points at most, and few bodies of any shape."""
+    """Bodies that could stand on 48 points at most, and few bodies of any shape."""
 
     def built(boxes, balls, friction):
         scene = mbvi.Scene(friction=friction)
@@ -50,8 +50,8 @@ def test_which_bodies_with_friction_the_loop_takes():
         return scene.build()
 
     scheme = mbvi.StewartTrinkle()
-    assert is_compiled(built(8, 0, 0.5), scheme) and not is_compiled(built(9, 0, 0.5), scheme)
-    assert is_compiled(built(2, 24, 0.5), scheme) and not is_compiled(built(3, 24, 0.5), scheme)
+    assert is_compiled(built(12, 0, 0.5), scheme) and not is_compiled(built(13, 0, 0.5), scheme)
+    assert is_compiled(built(6, 24, 0.5), scheme) and not is_compiled(built(7, 24, 0.5), scheme)
     assert is_compiled(built(16, 0, 0.0), scheme) and not is_compiled(built(17, 0, 0.0), scheme)
 
 

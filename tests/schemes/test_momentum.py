@@ -143,7 +143,9 @@ def test_two_bodies_in_a_plane_keep_both_momenta(kinds, plane, mu):
             if kind == "ball":
                 scene.add_sphere(0.15, mass=rng.uniform(0.5, 3.0), **place)
             else:
-                scene.add_box((0.3, 0.2, 0.25), mass=rng.uniform(0.5, 3.0), **place, rotation=turn, angular_velocity=spin)
+                scene.add_box(
+                    (0.3, 0.2, 0.25), mass=rng.uniform(0.5, 3.0), **place, rotation=turn, angular_velocity=spin
+                )
         problem = scene.build()
         for scheme in SCHEMES:
             steps = [step for _, step in zip(range(60), mbvi.steps(problem, scheme, step=4e-3), strict=False)]

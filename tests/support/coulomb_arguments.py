@@ -280,6 +280,51 @@ def coulomb_law(rng):
     return J, A, *given, np.zeros(n), np.full(nv, np.nan), np.full((3, n), np.nan), np.zeros(m, np.int64)
 
 
+def law_of_island(rng):
+    *given, w, table, case = coulomb_law(rng)
+    J, _, x, lower, mu, *_ = given
+    w[:], cancelled = x, free_speeds_of(J, x, lower, mu, table)
+    return *given, cancelled, w, table, case
+
+
+def free_speeds_of(J, x, lower, mu, table):
+    """Write percussions of zero and J x twice; return the largest sum of terms of a row."""
+    table[0], table[1:] = 0.0, J @ x
+    return float((np.abs(J) @ np.abs(x)).max())
+
+
+def parted(rng):
+    """Arguments of `coulomb_law` whose contacts are two islands, the number of islands and who owns what."""
+    J, A, x, lower, mu, bound, known, limit, start, w, table, case = coulomb_law(rng)
+    (n, nv), m = J.shape, len(mu)
+    both = [np.block([[rows, np.zeros((n, nv))], [np.zeros((n, nv)), rows]]) for rows in (J, A)]
+    bounds = np.concatenate([bound, np.where(bound >= 0, bound + m, -1)])
+    twice = [np.tile(values, 2) for values in (x, lower, mu)]
+    w, table = np.tile(x, 2), np.full((3, 2 * n), np.nan)
+    return *both, *twice, bounds, known, limit, np.tile(start, 2), w, table, np.tile(case, 2)
+
+
+def label_contacts(rng):
+    J, A, x, _, mu, bound, *_ = parted(rng)
+    return J, A, bound, np.zeros(len(x), np.int64), np.zeros(len(mu), np.int64)
+
+
+def merge(rng):
+    label = rng.integers(0, 3, size=5)
+    return label, int(rng.integers(5)), int(rng.integers(5))
+
+
+def law_of_one_island(rng):
+    given = parted(rng)
+    m, nv = len(given[4]) // 2, len(given[2]) // 2
+    return int(rng.integers(2)), np.repeat([0, 1], m), np.repeat([0, m], nv), *given
+
+
+def newton_in_rounds(rng):
+    G, b, mu, limit, p = attempt(rng)
+    return G, b, mu, limit, int(rng.integers(5)), p
+
+
 def interleave(rng):
     m, nv = int(rng.integers(0, 4)), int(rng.integers(1, 6))
     return rng.normal(size=(m, nv)), rng.normal(size=(2 * m, nv)), np.full((3 * m, nv), np.nan)
@@ -350,6 +395,11 @@ COULOMB_ARGUMENTS = {
         scale_speeds,
         solve_scaled,
         coulomb_law,
+        law_of_island,
+        label_contacts,
+        merge,
+        law_of_one_island,
+        newton_in_rounds,
         interleave,
         row_speeds,
         write_closing_speeds,

@@ -1,4 +1,4 @@
-"""The kernel that solves Coulomb's law for up to 32 contacts: one answer, whatever the order of contacts and the axes.
+"""The kernel that solves Coulomb's law for up to 64 contacts: one answer, whatever the order of contacts and the axes.
 
 Where rows depend on each other, the law may have several velocities. The one is taken that all contacts give when they
 are equally compliant: of G + COMPLIANCE I in scaled rows. Its open, sticking and slipping contacts are kept, and the
@@ -11,16 +11,16 @@ import numpy as np
 
 from ...compiled import kernel
 from ..metric import Array
-from .newton import SHIFT, find_cases, hold_cases, newton_coulomb, resume_newton, tangential_scale
+from .newton import SHIFT, find_cases, hold_cases, newton_coulomb, tangential_scale
 from .one_contact import contact_velocities
 from .rescue import COMPLIANCE, hold_rigid, improve_coulomb, proximal_newton, sweeps_and_newton
 
 # contacts up to which the answer is one whatever their order; beyond, sweeps begin with the contacts as they come
-MOST_CONTACTS = 32
+MOST_CONTACTS = 64
 # the compliant problem is solved to this residual, and polished
 _CLOSE, _POLISHING_STEPS = 1e-12, 3
-# Newton steps from nothing, and from the last answer
-_STEPS, _RESUMED_STEPS = 15, 6
+# Newton steps from nothing, and from the last answer; errors that the line search remembers
+_STEPS, _RESUMED_STEPS, _REMEMBERED = 15, 25, 3
 # rows whose elimination leaves a lesser part of their G_nn count as dependent
 _REGULAR = 1e-9
 # up to this mu, and this mu |G_nt|, an answer may be taken from a start near it: see docs/theory/mathematics.md
@@ -95,10 +95,10 @@ def solve_compliant(H: Array, b: Array, mu: Array, started: bool, p: Array, case
         Receives the percussions.
     """
     n, u, scale = len(b), np.empty(len(b)), np.empty(len(mu))
-    if not started or resume_newton(H, b, mu, _RESUMED_STEPS, _CLOSE, p) > _CLOSE:
+    if not started or newton_coulomb(H, b, mu, _RESUMED_STEPS, _CLOSE, SHIFT, _REMEMBERED, p) > _CLOSE:
         for i in range(n):
             p[i] = 0.0
-        if newton_coulomb(H, b, mu, _STEPS, _CLOSE, SHIFT, 3, p) > _CLOSE:
+        if newton_coulomb(H, b, mu, _STEPS, _CLOSE, SHIFT, _REMEMBERED, p) > _CLOSE:
             for i in range(n):
                 p[i] = 0.0
             if sweeps_and_newton(H, b, mu, _CLOSE, p) > _CLOSE:

@@ -13,7 +13,8 @@ from ..tree import TreeFreeMotion, TreeMetric, solve
 from .existence import existence_margin
 from .few_contacts import MOST_CONTACTS
 from .frictional_step import frictional_tree_law
-from .law import COMPLIANT, NOTHING, UNIQUE, coulomb_law
+from .law import COMPLIANT, NOTHING, UNIQUE
+from .separate_laws import coulomb_law
 
 # friction above this counts as this: nothing that bears slips then, and the rounding of mu |u_t| stays small
 LARGEST_FRICTION = 100.0
@@ -72,7 +73,7 @@ def law_of_contacts(
     motion: TreeFreeMotion, J: Array, T: Array, e: Array, drift: Array, opened: Array, friction: Array,
     last: FrictionalStart, residual: float,
 ) -> tuple[Array, Array, float, Array, FrictionalStart] | None:  # fmt: skip
-    """Return Coulomb's law for at most 32 contacts of one mechanism, in one kernel; None if the residual is too large.
+    """Return Coulomb's law for at most 64 contacts of one mechanism, in one kernel; None if the residual is too large.
 
     Parameters
     ----------

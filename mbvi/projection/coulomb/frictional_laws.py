@@ -21,6 +21,8 @@ from .few_contacts import MOST_CONTACTS
 from .friction import EXACT, NO_START, FrictionalProjection, FrictionalStart, law_of_contacts, project_frictional
 from .friction_sparse import FineRows, project_frictional_sparse, renumbered
 
+# so many contacts have no other solver
+_FEW_ENOUGH = 32
 # entries of the rows of few contacts up to which they are solved as dense ones
 _MOST_DENSE = 2_000_000
 
@@ -194,13 +196,12 @@ class FrictionalLaws:
         assert tangents is not None
         bounds = _bounds(rows, lower)
         if _are_few(m, len(x)) or _has_joints(rows):
-            J, mu = _wide(rows.jacobian, tangents), tangents.friction
-            found = project_frictional(
-                x, metric, J, bounds.ravel(), mu, accepted(self._residual), self.start, tangents.bound
-            )
-            self._accept(found, self._residual, rows, lower)
-            self.start = FrictionalStart(found.start, found.unique)
-            return found
+            try:
+                return self._solved_as_few(x, metric, rows, bounds, lower)
+            except ProjectionError:
+                # of more contacts sweeps may still reach their larger residual
+                if m <= _FEW_ENOUGH or _has_joints(rows):
+                    raise
         keys = contact_keys(rows.constraint)
         J, (start, known) = _contact_rows(rows), self._last.of_contacts(keys)
         fine = self._fine_rows(J, rows.constraint)
@@ -222,6 +223,20 @@ class FrictionalLaws:
         self._accept(many, first, rows, lower)
         self._last.keep(many.percussion.reshape(-1, 3), keys)
         return many
+
+    def _solved_as_few(
+        self, x: Array, metric: Metric, rows: FrictionalRows, bounds: Array, lower: Array
+    ) -> FrictionalProjection:
+        """Return what `_project` does, by the solver of few contacts; `bounds` are those of all rows, shape (k, 3)."""
+        tangents = rows.tangents
+        assert tangents is not None
+        J, residual = _wide(rows.jacobian, tangents), self._acceptance.bound(self._residual)
+        found = project_frictional(
+            x, metric, J, bounds.ravel(), tangents.friction, residual, self.start, tangents.bound
+        )
+        self._accept(found, self._residual, rows, lower)
+        self.start = FrictionalStart(found.start, found.unique)
+        return found
 
     def _fine_rows(self, J: csr_array, numbers: Array) -> FineRows | None:
         """Return which contacts are those of mechanisms, given all their rows and their constraints; None in no run."""
@@ -276,7 +291,7 @@ class FrictionalLaws:
     def capped_restitution(self, x: Array, metric: Metric, rows: FrictionalRows, before: Array) -> Array | None:
         """Return the largest restitution of rows, at most their own, with which an impact gains no energy.
 
-        None where e is not capped, where rows have no friction or do not bounce, or for more than 32 contacts.
+        None where e is not capped, where rows have no friction or do not bounce, or for more than 64 contacts.
 
         Parameters
         ----------

@@ -8,7 +8,7 @@ from ...compiled import kernel
 from ..metric import Array
 from ..row_speeds import row_speeds
 from ..tree import advance_by, factor_again, solve
-from .law import coulomb_law
+from .separate_laws import coulomb_law
 
 # returned where no contact has friction
 WITHOUT_FRICTION = -1.0

@@ -1,4 +1,4 @@
-"""The kernel of an impact with Coulomb friction: from rows and velocities to percussions, cases and the residual."""
+"""Kernels of an impact with Coulomb friction: from rows and velocities to percussions, cases and the residual."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from ...compiled import kernel
 from ..metric import Array
 from ..row_speeds import row_speeds
 from .few_contacts import MOST_CONTACTS, couples_weakly, independent_rows, solve_coulomb
-from .newton import OPEN, STICK, find_cases, resume_newton, tangential_scale
+from .newton import STICK, find_cases, resume_newton, tangential_scale
 from .one_contact import closing_order, coulomb_defect, sweep_contacts
 from .quick import MOST_NEWTON, quick_coulomb
 from .sticking.carried import diagonal_blocks, list_columns, solve_carried
@@ -201,7 +201,7 @@ def solve_scaled(G: Array, b: Array, mu: Array, bound: Array, known: int, limit:
     weak, independent = couples_weakly(G, mu), independent_rows(G, mu, bound)
     unique = independent and weak
     residual = np.inf
-    if unique and known == UNIQUE:
+    if unique and known != NOTHING:
         residual = resume_newton(G, b, mu, _RESUMED_STEPS, limit, p)
     # written so that a NaN is refused too
     if not residual <= limit:
@@ -246,56 +246,19 @@ def carried_law(
 
 
 @kernel(
-    "Tuple((f8, b1))(f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], i8[::1], i8, f8, f8[::1], f8[::1], f8[:,::1], "
-    "i8[::1])"
+    "Tuple((f8, b1))(f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], i8[::1], i8, f8, f8[::1], f8, f8[::1], "
+    "f8[:,::1], i8[::1])"
 )
-def coulomb_law(
+def law_of_island(
     J: Array, A: Array, x: Array, lower: Array, mu: Array, bound: Array, known: int, limit: float, start: Array,
-    w: Array, table: Array, case: Array,
+    cancelled: float, w: Array, table: Array, case: Array,
 ) -> tuple[float, bool]:  # fmt: skip
-    """Write the velocity w that Coulomb's law gives, with M (w - x) = J' p.
+    """Write what `coulomb_law` does for contacts of which some close, all at once.
 
-    Parameters
-    ----------
-    J, A : ndarray, shape (n, nv), n = 3 m
-        Of each contact the normal and two tangents, and M^-1 times each of them. Tangents may be zero rows.
-    x, w : ndarray, shape (nv,)
-        The velocity under forces alone, and the result.
-    lower : ndarray, shape (n,)
-        Of each contact the least normal rate, and the rates of the tangents at which it sticks.
-    mu : ndarray, shape (m,)
-        Coefficients of friction; of the dry friction of a joint minus its largest percussion [N s, N m s]: its normal
-        and its second tangent are zero rows. Of a contact that is bounded by another, its length [m].
-    bound : ndarray of int, shape (m,)
-        The contact whose normal percussion bounds each, -1 where that is its own. Its normal is a zero row, and its
-        tangents, of which the second may be zero, are relative angular velocities.
-    known : int
-        NOTHING, or what `start` holds: UNIQUE or COMPLIANT percussions.
-    limit : float
-        The residual that ends the iterations.
-    start : ndarray, shape (n,)
-        Percussions of a problem like this, those of compliant contacts unless unique; receives those of this one.
-    table : ndarray, shape (3, n)
-        Receives percussions, J x and J w.
-    case : ndarray of int, shape (m,)
-        Receives OPEN, STICK or SLIP.
-
-    Returns
-    -------
-    residual : float
-        `coulomb_defect` relative to the largest scaled speed.
-    unique : bool
-        Whether rows are independent and friction acts little on normals, so that there is one answer.
+    `cancelled` and `table` are those of `free_speeds`; the other arguments, and the result, those of `coulomb_law`.
     """
-    n, nv = J.shape
+    n = len(J)
     m = n // 3
-    closing, cancelled = free_speeds(J, x, lower, mu, table)
-    if not closing:
-        for k in range(nv):
-            w[k] = x[k]
-        for a in range(m):
-            case[a] = OPEN
-        return 0.0, True
     G, scale, tangential, cone = np.empty((n, n)), np.empty(m), np.empty(m), np.empty(m)
     b, p, soft, u = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
     residual, unique = np.inf, False
@@ -328,7 +291,7 @@ def coulomb_law(
         start[i] = table[0, i] if unique else soft[i] * scale[i // 3]
         # a joint that sticks does not creep by rounding
         if mu[i // 3] < 0.0 and i % 3 == 1 and case[i // 3] == STICK:
-            for k in range(nv):
+            for k in range(len(w)):
                 if J[i, k] != 0.0:
                     w[k] = table[2, i] = 0.0
     return residual, unique

@@ -29,6 +29,10 @@ _HELD_STEPS, _POLISHING_SWEEPS = 30, 300
 _GROWTH, _MOST_GROWTHS = 5.0, 3
 # a residual up to this is a solution, of which last digits are left to cheap methods
 _SOLVED = 1e-9
+# Newton steps of a round; a fruitful one leaves less than this part of the residual
+_ROUND, _LEFT = 3, 0.5
+# shifts of the attempts by Newton's method, and the fruitless rounds that end each: the last shift costs no digits
+_SHIFTS, _FRUITLESS = (1e-7, 1e-6, 1e-8, 1e-9, SHIFT), (2, 2, 2, 3, 4)
 # shift of dependent rows: less of the rounding gets into percussions that the velocity does not depend on
 _HELD_SHIFT = 1e-7
 # a smaller shift is tried as long as the last one left less than this part of the residual
@@ -87,6 +91,31 @@ def sweeps_and_newton(G: Array, b: Array, mu: Array, limit: float, p: Array) -> 
         if best <= limit:
             break
         sweeps *= _MORE_SWEEPS
+    return best
+
+
+@kernel("f8(f8[:,::1], f8[::1], f8[::1], f8, i8, f8[::1])")
+def newton_in_rounds(G: Array, b: Array, mu: Array, limit: float, attempt: int, p: Array) -> float:
+    """Improve percussions by rounds of Newton's method as long as they gain digits; return the residual.
+
+    Where rows depend on each other, steps may go on without end, between residuals just above the limit or far above.
+
+    Parameters
+    ----------
+    G, b, mu, limit
+        See `newton_coulomb`.
+    attempt : int
+        The number of the shift of dependent rows.
+    p : ndarray, shape (n,)
+        The start, which receives the best found.
+    """
+    trial, best, fruitless = p.copy(), np.inf, 0
+    for _ in range(_STEPS // _ROUND):
+        last, residual = best, newton_coulomb(G, b, mu, _ROUND, limit, _SHIFTS[attempt], _REMEMBERED, trial)
+        best = keep_better(trial, residual, best, p)
+        fruitless = 0 if best < _LEFT * last else fruitless + 1
+        if best <= limit or fruitless >= (_FRUITLESS[0] if best <= _SOLVED else _FRUITLESS[attempt]):
+            break
     return best
 
 
@@ -171,16 +200,17 @@ def improve_coulomb(
         The start, which receives the best found.
     """
     trial, order = np.empty(len(b)), np.empty(len(mu), np.int64)
-    for attempt in range(6):
-        if residual <= limit or (attempt > 2 and residual <= _SOLVED):
-            break
-        keep_better(soft if attempt == 3 else p, 0.0, 1.0, trial)
-        if attempt == 0 or attempt == 2:
-            found = newton_coulomb(G, b, mu, _STEPS, limit, 1e3 * SHIFT if attempt == 0 else SHIFT, _REMEMBERED, trial)
-        elif attempt == 1:
+    newton = len(_SHIFTS)
+    for attempt in range(newton + 4):
+        if residual <= limit or (residual <= _SOLVED and attempt != newton - 1):
+            continue
+        keep_better(soft if attempt == newton + 1 else p, 0.0, 1.0, trial)
+        if attempt < newton:
+            found = newton_in_rounds(G, b, mu, limit, attempt, trial)
+        elif attempt == newton:
             closing_order(b, order)
             found = sweep_contacts(G, b, mu, order, _POLISHING_SWEEPS, limit, trial)
-        elif attempt == 3:
+        elif attempt == newton + 1:
             found = stiffen(G, b, mu, independent, COMPLIANCE, limit, trial)
             if found == UNBOUNDED:
                 # very compliant contacts may be those of another answer
@@ -189,7 +219,7 @@ def improve_coulomb(
                 found = stiffen(G, b, mu, independent, _SOFT, limit, trial)
             if found == UNBOUNDED:
                 break
-        elif attempt == 4:
+        elif attempt == newton + 2:
             found = sweeps_and_newton(G, b, mu, limit, trial)
         else:
             found = proximal_newton(G, b, mu, limit, trial)

@@ -9,7 +9,6 @@ import numpy as np
 from ...compiled import held
 from ...constraints.mechanism.state import can_be_compiled, has_given_rows
 from ...problem import Problem
-from ...projection.coulomb.few_contacts import MOST_CONTACTS
 from ...schemes import Scheme
 from ...system import HingedSystem
 from ...system.control_table import TRACKING, ControlTable, no_control, side_by_side, tracking
@@ -22,7 +21,7 @@ from .step_loop import Loop, loop_with
 # most velocities of free bodies, and most with friction: of more, laws take so long that steps of sparse rows are
 # cheaper, unless few points can touch: of bodies that all lie on one face at most so many
 _MOST_FREE, _MOST_ROUGH = 60, 36
-_MOST_WITH_FEW_POINTS, _POINTS, _ROUGH_POINTS = 160, 64, MOST_CONTACTS
+_MOST_WITH_FEW_POINTS, _POINTS, _ROUGH_POINTS = 160, 64, 48
 # points of a shape that can touch one face; of a hull with more corners on a face, more would be rare
 _POINTS_OF_SHAPE = 4
 

@@ -13,7 +13,8 @@ from ...constraints.mechanism.tables import MOST_ROWS, RowBuffer, copy_row, rows
 from ...projection.coulomb.few_contacts import MOST_CONTACTS
 from ...projection.coulomb.friction import AIM, EXACT
 from ...projection.coulomb.frictional_step import interleave
-from ...projection.coulomb.law import COMPLIANT, NOTHING, UNIQUE, coulomb_law
+from ...projection.coulomb.law import COMPLIANT, NOTHING, UNIQUE
+from ...projection.coulomb.separate_laws import coulomb_law
 from ...projection.tree import factor_again, solve
 from ...system.system import Array
 from .records import DONE, UNSOLVED, MechanismStep
