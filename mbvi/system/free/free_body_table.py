@@ -88,11 +88,11 @@ def _bodies_of(part: Part) -> list[_Body]:
     bodies, none = part.system, np.zeros(3)
     if type(bodies) is FreeBodies:
         return [(mass, own, True, False, none) for mass, own in zip(bodies.masses, bodies.inertias, strict=True)]
-    if type(bodies) is PlanarBodies:
+    if isinstance(bodies, PlanarBodies):
         # of its inertia only the moment about the normal acts
         moments = bodies.moments.tolist()
         return [(mass, own * np.eye(3), True, False, none) for mass, own in zip(bodies.masses, moments, strict=True)]
-    if type(bodies) in (Spheres, PlanarSpheres):
+    if type(bodies) is Spheres or isinstance(bodies, PlanarSpheres):
         return [(mass, np.zeros((3, 3)), False, False, none) for mass in bodies.masses]
     if bodies.model is not None and is_one_link(bodies.model):
         body = bodies.model.inertias[1]
@@ -105,11 +105,10 @@ def velocities_in_space(system: System) -> csr_array | None:
 
     Parts that do not move in a plane keep theirs.
     """
-    parts = [part.system for part in system.located_parts()]
-    flat = [part for part in parts if type(part) in (PlanarBodies, PlanarSpheres)]
-    if not flat:
+    parts, flat = [part.system for part in system.located_parts()], (PlanarBodies, PlanarSpheres)
+    if not any(isinstance(part, flat) for part in parts):
         return None
-    blocks = [part.in_space() if part in flat else eye_array(part.nv) for part in parts]
+    blocks = [part.in_space() if isinstance(part, flat) else eye_array(part.nv) for part in parts]
     return csr_array(block_diag(blocks, format="csr"))
 
 

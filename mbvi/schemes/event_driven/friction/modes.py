@@ -15,8 +15,9 @@ STILL = 1e-12
 # effect of forces that dependent contacts may share at will on an acceleration, relative to that of all of them, above
 # which the acceleration is not determined
 _AMBIGUOUS = 1e-7
-# a slip begins in a step in which it grows by more than the inverse of this; where the dense output is checked then
-_BEGINS, _CHECKED = 0.1, (0.3, 0.7, 0.95)
+# a slip begins in a step in which it grows by more than the inverse of this; where the dense output is checked, and the
+# weight of what it misses in other steps
+_BEGINS, _CHECKED, _USUAL = 0.1, (0.3, 0.7, 0.95), 0.01
 _POWERS = np.arange(1, DEGREE + 1)
 
 
@@ -184,24 +185,24 @@ class ContactModes:
         return float(way @ equations.slip[k]), float(rate), float(equations.still[k])
 
     def defect(self, step: RungeKuttaStep, closed: Array, share: float, units: Array) -> float:
-        """Return by how much the dense output up to a share of a step misses accelerations, if a slip begins or stops.
+        """Return by how much the dense output up to a share of a step misses accelerations, if contacts slip.
 
         In units and a second, over the largest speed in these where that is above 1. Where a slip is small the force
-        turns fast with it, which errors of the state at the end of the step do not tell.
+        turns fast with it, which errors of the state at the end of the step do not tell. Where no slip begins or stops
+        a small weight does: the turning of a body that slips is damped fast, and rounding in it may grow within a step.
         """
         if not closed.size or self.sticks.all():
             return 0.0
         largest, speed = 0.0, float(np.abs(step.v / units).max(initial=1.0))
         slip = np.linalg.norm(self.equations(step.t, step.q0, step.v0, closed).slip, axis=1)
         after = np.linalg.norm(self.equations(step.t + step.h, step.q, step.v, closed).slip, axis=1)
-        if self.stopped < 0 and not (slip < _BEGINS * after)[~self.sticks].any():
-            return 0.0
+        usual = self.stopped < 0 and not (slip < _BEGINS * after)[~self.sticks].any()
         for node in (share * part for part in _CHECKED):
             q, v = step.at(self.system, node)
             slope = step.dense[1] @ (_POWERS * node ** (_POWERS - 1))
             miss = self.acceleration(step.t + node * step.h, q, v, closed)[: len(v)] - slope
             largest = max(largest, share * step.h * float(np.abs(miss / units).max(initial=0.0)))
-        return largest / speed
+        return (_USUAL if usual else 1.0) * largest / speed
 
     def begin(self, t: float, q: Array, v: Array, closed: Array) -> bool:
         """Begin a step: keep the directions of slip; return whether accelerations are unique."""
