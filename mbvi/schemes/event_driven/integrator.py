@@ -82,7 +82,7 @@ class EventDrivenIntegrator(MotionState):
                 self.undetermined += self.fallbacks - before
                 a = self.flow.acceleration(self.t, self.q, self.v, self.closed)
                 continue
-            length = min(h, end - self.t)
+            length = min(h, end - self.t, self.flow.longest(self.v))
             try:
                 step, factor, share, first = self._attempt(a, length)
             except (DivergedError, ProjectionError) as error:

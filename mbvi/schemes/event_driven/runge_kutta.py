@@ -15,6 +15,8 @@ from ...constraints.mechanism.held_rows import HeldRows, write_scales
 from ...problem import Problem
 from ...projection import Metric
 from ...system import System
+from ...system.free.bodies import FreeBodies
+from ...system.free.planar import PlanarBodies
 from ...system.system import Array
 from .contact_rows import SmoothRows
 from .stages import SmoothMotion, accelerate, margins_along, stages_of, take_stages
@@ -26,6 +28,8 @@ _INDEPENDENT = 1e-3
 # degree of the dense output
 DEGREE = 7
 _POWERS = np.arange(1, DEGREE + 1)
+# largest turn of a body within a step [rad]: its chart ends at a whole turn, near which rounding grows without bound
+_MOST_TURN = 4.0
 # accelerations below this are denormal numbers and count as zero
 _DENORMAL = 1e-290
 # safety factor of the travel of a coordinate, which is computed from the largest rate of all stages
@@ -161,6 +165,7 @@ class Flow:
         self.system, self.rows = problem.system, rows
         self.kernels = stages_of(problem.system, rows)
         self.modes: Modes | None = None
+        self._turning = turning_columns(problem.system)
         n = DOP853.n_stages
         # the stages, the result, which is the first stage of the next step, and those of the dense output
         self._weights = np.zeros((n + 4, n + 4))
@@ -170,6 +175,13 @@ class Flow:
         self._nodes = [*DOP853.C.tolist(), 1.0, *DOP853.C_EXTRA.tolist()]
         self._stages, self._error_weights = n, np.array([DOP853.E5, DOP853.E3])
         self._dense_weights = _dense_polynomials(DOP853.B, DOP853.D)
+
+    def longest(self, v: Array) -> float:
+        """Return the longest step from a velocity v [s]: no body turns too far in it."""
+        if not len(self._turning):
+            return np.inf
+        rate = float(np.sqrt((np.append(v, 0.0)[self._turning] ** 2).sum(axis=1).max()))
+        return _MOST_TURN / rate if rate > 0.0 else np.inf
 
     def contact_equations(self, t: float, q: Array, v: Array, closed: Array) -> ContactEquations:
         """Return what decides on the accelerations of closed rows."""
@@ -284,6 +296,26 @@ class Flow:
         K[i, :nv] = self.system.chart_rate(q, dq, speed)
         K[i, nv:] = self.acceleration(t + self._nodes[i] * h, place, speed, closed)
         return place, speed
+
+
+def turning_columns(system: System) -> Array:
+    """Return the indices in v of angular velocities about axes that change, shape (n, 3); nv where there is none.
+
+    They are those of free bodies, and of joints with several rotations or with one about an axis that moves.
+    """
+    found: list[Array] = []
+    for part in system.located_parts():
+        bodies = part.system
+        if isinstance(bodies, FreeBodies) and not isinstance(bodies, PlanarBodies):
+            found += [part.v + 6 * k + np.arange(3, 6) for k in range(bodies.independent_bodies)]
+        elif bodies.model is not None:
+            for joint in list(bodies.model.joints)[1:]:
+                first = part.v + joint.idx_v
+                if joint.shortname() == "JointModelPlanar":
+                    found.append(np.array([first + 2, system.nv, system.nv]))
+                elif joint.nv in (3, 6) and joint.nq > joint.nv:
+                    found.append(first + joint.nv - 3 + np.arange(3))
+    return np.array(found, np.int64).reshape(-1, 3)
 
 
 # the dense output of a step before it is computed

@@ -16,6 +16,7 @@ from ...projection import Metric, Projector
 from ...projection.positions.held_rows import FARTHEST, HARDLY
 from ...projection.positions.travel import MOST_LINEARISATIONS, NEARBY
 from ...system import independent_parts
+from ...system.free.sparse_rows import times
 from ...system.system import Array
 from .nearby_rows import NearbyRows
 
@@ -101,7 +102,7 @@ def least_displacement(sunken: SunkRows, floor: Array, sticking: Array | None = 
     near, bound = active, floor
     for i in range(MOST_LINEARISATIONS):
         J = near.jacobian if sticking is None else _held(metric, near, sticking, match_contacts(near, marks))
-        lower = near.jacobian @ moved + bound - near.gap
+        lower = times(near.jacobian, moved) + bound - near.gap
         # where linearisations alternate, each of the others adds to the displacement before
         origin = still if 2 * i < MOST_LINEARISATIONS else moved
         try:
@@ -180,7 +181,7 @@ def _raises(metric: Metric, J: Array | csr_array, moved: Array, lower: Array, to
     Held, the rows of two contacts of a ball in a groove oppose each other: to raise both takes a displacement that is
     very long, or mere rounding.
     """
-    if (J @ moved < lower - tolerance).any():
+    if (times(J, moved) < lower - tolerance).any():
         return False
     if not isinstance(J, np.ndarray):
         return True

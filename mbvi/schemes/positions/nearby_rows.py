@@ -7,6 +7,7 @@ import numpy as np
 from ...constraints import Rows
 from ...constraints.rows import take
 from ...problem import Problem
+from ...system.free.sparse_rows import times
 from ...system.system import Array
 
 # second-order part of a gap that is left out, in lengths of the scene
@@ -71,7 +72,7 @@ class NearbyRows:
         """Return all rows of the last search with their gaps at q to first order."""
         assert self._rows is not None
         displacement = self._problem.system.difference(self.place, q)
-        return self._rows._replace(gap=self._rows.gap + self._rows.jacobian @ displacement)
+        return self._rows._replace(gap=self._rows.gap + times(self._rows.jacobian, displacement))
 
     def only(self, some: Array) -> Rows:
         """Keep some of the rows of the last answer, a mask of shape (k,), and return them."""
@@ -104,5 +105,5 @@ class NearbyRows:
         travel = self._problem.constraints.travel(displacement)
         if travel > self._reach or margin + travel > self._margin:
             return None
-        gap: Array = self._rows.gap + self._rows.jacobian @ displacement
+        gap: Array = self._rows.gap + times(self._rows.jacobian, displacement)
         return gap

@@ -10,6 +10,7 @@ from ...errors import ProjectionError
 from ...problem import Problem
 from ...projection import Projector
 from ...projection.positions.travel import MOST_LINEARISATIONS
+from ...system.free.sparse_rows import times
 from ...system.system import Array
 from ..row_projection import project_rows, slip_rates
 from ..step import Step, advance_gaps, closing_speeds
@@ -102,7 +103,7 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
             break
         owner = match_contacts(projected.near, marks)
         if (owner >= 0).all():
-            marks = marks._replace(gap=marks.gap + marks.jacobian @ projected.displacement)
+            marks = marks._replace(gap=marks.gap + times(marks.jacobian, projected.displacement))
             if applied.ahead is not None:
                 there = nearby.all_at(projected.q)
                 same = match_contacts(there, marks)
@@ -119,7 +120,7 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
         opened = np.zeros(len(joined.gap))
         if drift:
             moved = drift * step.v + projected.displacement
-            opened = np.maximum(joined.gap - joined.jacobian @ moved, 0.0) / drift
+            opened = np.maximum(joined.gap - times(joined.jacobian, moved), 0.0) / drift
             rows = rows._replace(gap=np.concatenate([step.active.gap, drift * opened]))
         slack, joins = np.concatenate([slack, opened]), np.arange(len(rows.gap)) >= count
         before_law = rows.speeds(applied.v)

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from ...compiled import kernel, plain_array
+from ...projection.row_speeds import row_speeds
 from ...projection.sparse.column_blocks import compose
 
 Array = np.ndarray
@@ -122,11 +123,17 @@ def stack_rows(parts: list[Array | csr_array]) -> Array | csr_array:
 
 
 def times(rows: Array | csr_array, v: Array) -> Array:
-    """Return the product of rows with a vector; of few sparse rows in a tenth of the time of scipy's operator."""
-    if isinstance(rows, np.ndarray) or rows.indices.dtype != np.int32:
-        product: Array = rows @ v
-        return product
+    """Return the product of rows with a vector; of few sparse rows in a tenth of the time of scipy's operator.
+
+    The terms of full rows are added up in their order, as in steps that are kernels: the order of BLAS depends on the
+    machine.
+    """
     product = np.empty(rows.shape[0])
+    if isinstance(rows, np.ndarray):
+        row_speeds(plain_array(rows), plain_array(v), 1.0, product)
+        return product
+    if rows.indices.dtype != np.int32:
+        return np.asarray(rows @ v)
     row_products(rows.data, rows.indices.view(np.uint32), rows.indptr.view(np.uint32), plain_array(v), product)
     return product
 
