@@ -19,6 +19,8 @@ from .runge_kutta import Flow, velocity_change
 _TOUCHING = 0.01
 # rates below this count as zero, in lengths of the scene a second [1/s]
 SLOW = 1e-14
+# slip across its direction that does not turn it, relative to the tolerance
+_FAINT = 0.01
 NO_ROWS = np.zeros(0, np.int64)
 
 
@@ -75,8 +77,8 @@ class MotionState:
         self.flow = Flow(problem, self.rows)
         self.closing = ClosingEvents(self.system, self.rows, self.flow.kernels)
         self.units = velocity_units(self.system, problem.length)
-        slow = SLOW * problem.length
-        self.modes = ContactModes(self.flow, self.rows, slow) if problem.constraints.frictional else None
+        slow, faint = SLOW * problem.length, _FAINT * tolerance * problem.length
+        self.modes = ContactModes(self.flow, self.rows, slow, faint) if problem.constraints.frictional else None
         self.flow.modes = self.modes
         self.observed = ContactObserver(problem, self.rows)
         self.closed = self.held = self.all_touching = NO_ROWS

@@ -118,6 +118,9 @@ class ContactModes:
         The rows of all constraints.
     slow : float
         Slip that counts as none [m/s].
+    faint : float
+        Slip across the direction at the start of a step that does not turn it [m/s]. The turning of a body that slips
+        slowly is damped so fast that rounding in it would grow, and contacts of one body slip in different directions.
 
     Attributes
     ----------
@@ -135,8 +138,8 @@ class ContactModes:
         Whether no mode could be found for the present contacts.
     """
 
-    def __init__(self, flow: Flow, rows: SmoothRows, slow: float) -> None:
-        self._flow, self._rows, self._slow, self.system = flow, rows, slow, flow.system
+    def __init__(self, flow: Flow, rows: SmoothRows, slow: float, faint: float = 0.0) -> None:
+        self._flow, self._rows, self._slow, self._faint, self.system = flow, rows, slow, faint, flow.system
         self.stopped, self.undecided = -1, False
         self.choose(np.zeros(0, np.int64), np.zeros(0, bool), np.zeros((0, 2)))
 
@@ -159,9 +162,14 @@ class ContactModes:
         Beyond a stop they are those before it, so that the motion can be followed smoothly to the stop.
         """
         size = np.linalg.norm(equations.slip, axis=1)
-        moves = size > equations.still
+        moves = self._turns(equations, size)
         way = np.where(moves[:, None], equations.slip / np.where(moves, size, 1.0)[:, None], self.way)
         return np.where((np.vecdot(way, self.way) < 0.0)[:, None], -way, way)
+
+    def _turns(self, equations: ModeEquations, size: Array) -> Array:
+        """Return which slips, of sizes of shape (k,), have directions of their own."""
+        along = np.vecdot(equations.slip, self.way)[:, None] * self.way
+        return (size > equations.still) & (np.linalg.norm(equations.slip - along, axis=1) > self._faint)
 
     def forces(self, t: float, q: Array, v: Array, closed: Array) -> tuple[ModeEquations, ModeForces]:
         """Return the equations of closed rows in their modes, with accelerations and forces."""
@@ -210,6 +218,6 @@ class ContactModes:
             return not self.undecided
         equations, found = self.forces(t, q, v, closed)
         size = np.linalg.norm(equations.slip, axis=1)
-        moves = ~self.sticks & (size > equations.still)
+        moves = ~self.sticks & self._turns(equations, size)
         self.way[moves] = equations.slip[moves] / size[moves, None]
         return found.unique
