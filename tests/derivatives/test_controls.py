@@ -153,8 +153,10 @@ def test_a_torque_that_leaves_its_limit(cart):
 def test_a_trajectory_with_limits_against_differences(cart):
     problem = cart(TRAJECTORY)
     wrt = of_cart("state", "torque of cart/slide", "mass of cart/slide")
-    found = mbvi.sensitivity(problem, mbvi.EventDriven(1e-11), duration=4.0, wrt=wrt)
-    assert found.run.impacts and found.check(1).error.max() < 1e-7
+    coarse, found = (mbvi.sensitivity(problem, mbvi.EventDriven(tol), duration=4.0, wrt=wrt) for tol in (1e-9, 1e-11))
+    np.testing.assert_allclose(coarse.matrix, found.matrix, rtol=1e-8)
+    # differences across the kinks of the limits have seven digits at best
+    assert found.run.impacts and found.check(1).error.max() < 1e-6
 
 
 def test_actuators_of_a_file_act_by_the_state_too(tmp_path):
