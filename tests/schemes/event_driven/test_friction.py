@@ -17,6 +17,8 @@ LONG = "tripod that slides and spins"
 # parameters drawn once, with stops, reversals, rolling from backspin, and sliding uphill
 DRAWN = {
     "block": partial(reference.block_on_incline, 0.485048, 0.720742, -1.42336),
+    "block that stops soon": partial(reference.block_on_incline, 0.607786, 0.703866, -0.0841464),
+    "steep block": partial(reference.block_on_incline, 0.675297, 0.693616, -2.346087),
     "ball": partial(reference.rolling_ball, 0.398446, -0.354249, -0.279013, -36.5958),
     "bounces": partial(reference.ball_with_spin, 0.972933, 0.258034, (1.3, -0.8), (-31.0, 12.0, 25.0), 0.41),
     "tripod": partial(reference.spinning_tripod, 0.31, 0.0, -10.5623),
