@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -49,12 +50,18 @@ class Doubled(NamedTuple):
         return self.second.v - self.whole.v
 
 
-def doubled(problem: Problem, scheme: Scheme, t: float, q: Array, v: Array, h: float, projector: Projector) -> Doubled:
-    """Take a step of length h from (q, v) at t, and the same as two halves; raise as the scheme does."""
+def doubled(
+    problem: Problem, scheme: Scheme, t: float, q: Array, v: Array, h: float, projector: Projector,
+    settled: Callable[[Step], Step],
+) -> Doubled:  # fmt: skip
+    """Take a step of length h from (q, v) at t, and the same as two halves; raise as the scheme does.
+
+    `settled` returns a step that ends where contacts are closed; see `closed_again`.
+    """
     half = 0.5 * h
-    whole = scheme.step(problem, t, q, v, h, projector)
-    first = scheme.step(problem, t, q, v, half, projector)
-    second = scheme.step(problem, t + half, first.q, first.v, half, projector)
+    whole = settled(scheme.step(problem, t, q, v, h, projector))
+    first = settled(scheme.step(problem, t, q, v, half, projector))
+    second = settled(scheme.step(problem, t + half, first.q, first.v, half, projector))
     return Doubled(whole, first, second, problem.system.difference(whole.q, second.q))
 
 
@@ -86,10 +93,12 @@ def hidden(problem: Problem, step: Step, resting: Rows, still: float) -> tuple[f
     """Return what the halves of a step may hide of an error, and whether a contact reverses its slip.
 
     A contact that opens within the step, or begins to slip, does so from its start on, by the force in its middle. Both
-    halves may do the same, and are wrong by up to a sixteenth of the speed that it has at the end [m/s]. Where slip
-    reverses, the friction of the whole step is that of the end. `still` is the speed that counts as none [m/s].
+    halves may do the same, and are wrong by up to a sixteenth of the speed that it has at the end [m/s]. One that stops
+    within the step stays until its end, even if it would slip back: its speed is wrong by up to what friction has in
+    excess of that. Where slip reverses, the friction of the whole step is that of the end. `still` is the speed that
+    counts as none [m/s].
     """
-    owner, reverses = match_contacts(step.active, resting), False
+    owner, reverses, excess = match_contacts(step.active, resting), False, 0.0
     rises = problem.constraints.levers(step.active.constraint) * step.after
     opening = np.where((owner >= 0) & (rises > still), rises, 0.0)
     if step.slip is not None:
@@ -97,9 +106,23 @@ def hidden(problem: Problem, step: Step, resting: Rows, still: float) -> tuple[f
         fast, slow = np.hypot(*after.T), np.hypot(*before.T)
         begins = (owner >= 0) & (slow <= still) & (fast > still)
         opening = np.maximum(opening, np.where(begins, fast, 0.0))
+        excess = _excess(step, (owner >= 0) & (slow > still) & (fast <= still))
         turns = (after * before).sum(axis=1) < 0.0
         reverses = bool((turns & (step.percussion > 0.0) & (np.minimum(fast, slow) > still)).any())
-    return _HIDDEN * float(opening.max(initial=0.0)), reverses
+    return max(_HIDDEN * float(opening.max(initial=0.0)), excess), reverses
+
+
+def _excess(step: Step, stops: Array) -> float:
+    """Return the largest slip that all friction of some contacts would leave beyond zero, of those that stop [m/s]."""
+    if step.slip is None or step.active.tangents is None or not stops.any():
+        return 0.0
+    before = step.slip[3, stops, :2]
+    way = before / np.hypot(*before.T)[:, None]
+    # across the slip there may be percussions that move nothing
+    percussion, free = (np.abs(np.vecdot(step.slip[k, stops, :2], way)) for k in range(2))
+    most = step.active.tangents.friction[stops] * step.percussion[stops]
+    some = percussion > 0.0
+    return float(((most[some] / percussion[some] - 1.0) * free[some]).max(initial=0.0))
 
 
 class Contacts(NamedTuple):

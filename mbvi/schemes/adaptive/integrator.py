@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +19,7 @@ from ..step import NO_RATES, Step, law
 from .closed import Near, near_rows, returned
 from .doubling import Doubled, doubled, held
 from .holding import HoldingCentered
-from .judgement import Verdict, judged
+from .judgement import Verdict, closed_again, judged
 from .landing import landing_time, missed_time, stop_time
 from .measure import Measure
 
@@ -203,10 +204,10 @@ class AdaptiveIntegrator:
                 if time is not None:
                     cut, h = True, time
             h = end - t if end - t - h < 0.01 * h else h
-            shortest = h <= floor
+            shortest, settled = h <= floor, partial(closed_again, problem, measure, near.resting, speed, h)
             try:
                 with projector.acceptance.second_bound() if shortest else nullcontext():
-                    found = doubled(problem, self._scheme, t, q, v, h, projector)
+                    found = doubled(problem, self._scheme, t, q, v, h, projector, settled)
             except ProjectionError:
                 if shortest:
                     raise
