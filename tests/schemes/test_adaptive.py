@@ -119,8 +119,12 @@ def test_a_block_stops_where_friction_stops_it():
         (partial(reference.ROUGH["block launched up, that comes back"]), 0.09, 1e-4),
         # and where a contact opens soon after it: both take it to be open from the start on
         (partial(reference.chaotic_oscillator, 0.0), 0.0, 1e-5),
+        # a slip that stops within a step would stay until its end in both, and slips back
+        (partial(reference.wall_pendulum, 0.150729, 0.332222, 1.763752, 1.5), 0.7, 1e-5),
+        # a step ends beside the circle on which a tip sticks, and its second half would begin there
+        (partial(reference.painleve_rod, 1.450392, 1.0, 0.7, 0.016937, 0.005396), 0.0, 1e-5),
     ],
-    ids=["slip reverses", "contact opens"],
+    ids=["slip reverses", "contact opens", "slip stops and returns", "tip sticks"],
 )
 def test_what_a_step_and_its_halves_hide_is_bounded(case, start, tolerance):
     case = case()

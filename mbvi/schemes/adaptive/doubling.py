@@ -89,14 +89,14 @@ def held(step: Step, resting: Rows, still: Array | float) -> tuple[Array, Array]
     return closed, closed & (tangents.friction > 0.0) & (slip <= still)
 
 
-def hidden(problem: Problem, step: Step, resting: Rows, still: float) -> tuple[float, bool]:
+def hidden(problem: Problem, step: Step, resting: Rows, slides: Array, still: float) -> tuple[float, bool]:
     """Return what the halves of a step may hide of an error, and whether a contact reverses its slip.
 
     A contact that opens within the step, or begins to slip, does so from its start on, by the force in its middle. Both
     halves may do the same, and are wrong by up to a sixteenth of the speed that it has at the end [m/s]. One that stops
     within the step stays until its end, even if it would slip back: its speed is wrong by up to what friction has in
-    excess of that. Where slip reverses, the friction of the whole step is that of the end. `still` is the speed that
-    counts as none [m/s].
+    excess of that. Where slip reverses, the friction of the whole step is that of the end. `slides`, shape (k,), says
+    which resting rows slide before the step, and `still` is the speed that counts as none [m/s].
     """
     owner, reverses, excess = match_contacts(step.active, resting), False, 0.0
     rises = problem.constraints.levers(step.active.constraint) * step.after
@@ -106,7 +106,8 @@ def hidden(problem: Problem, step: Step, resting: Rows, still: float) -> tuple[f
         fast, slow = np.hypot(*after.T), np.hypot(*before.T)
         begins = (owner >= 0) & (slow <= still) & (fast > still)
         opening = np.maximum(opening, np.where(begins, fast, 0.0))
-        excess = _excess(step, (owner >= 0) & (slow > still) & (fast <= still))
+        slid = (owner >= 0) & np.append(slides, False)[owner]
+        excess = _excess(step, slid & (slow > still) & (fast <= still))
         turns = (after * before).sum(axis=1) < 0.0
         reverses = bool((turns & (step.percussion > 0.0) & (np.minimum(fast, slow) > still)).any())
     return max(_HIDDEN * float(opening.max(initial=0.0)), excess), reverses

@@ -269,7 +269,7 @@ class AdaptiveIntegrator:
         before = Step(self.t, self.q, self.v, self._problem.constraints.empty, NO_RATES, 0.0)
         if self._passed(before, second, h) < 1.0:
             return Verdict(second._replace(t=self.t + h), 0.0, 1.0, True, False)
-        return judged(self._problem, self._measure, found, near.resting, self.t + h, speed, self._order)
+        return judged(self._problem, self._measure, found, near.resting, self.v, self.t + h, speed, self._order)
 
     def _factor(self, verdict: Verdict, most: float) -> float:
         """Return by how much the next step is longer than the last one tried."""

@@ -74,7 +74,7 @@ def closed_again(problem: Problem, measure: Measure, resting: Rows, speed: float
 
 
 def judged(
-    problem: Problem, measure: Measure, found: Doubled, resting: Rows, t: float, speed: float, order: int
+    problem: Problem, measure: Measure, found: Doubled, resting: Rows, v: Array, t: float, speed: float, order: int
 ) -> Verdict:
     """Return what is known of a step.
 
@@ -84,6 +84,8 @@ def judged(
         The step.
     resting : Rows
         The contacts that were closed and at rest before.
+    v : ndarray, shape (nv,)
+        The velocity before.
     t : float
         Time after the step [s].
     speed : float
@@ -98,7 +100,10 @@ def judged(
     else:
         new, error, power = better.step._replace(q=better.q, v=better.v), better.error, better.power
     new = new._replace(t=t)
-    unseen = [hidden(problem, step, resting, measure.slides(speed)) for step in found.steps]
+    still, slides = measure.slides(speed), np.zeros(len(resting.gap), bool)
+    if resting.tangents is not None:
+        slides = np.hypot(*resting.tangents.slip(v)[:, :2].T) > still
+    unseen = [hidden(problem, step, resting, slides, still) for step in found.steps]
     error = max(error, max(one for one, _ in unseen) / (problem.length * max(1.0, speed)))
     sinks = _sinks(problem, measure, resting, new)
     return Verdict(new, error, power, landed or sinks, not sinks and not any(turns for _, turns in unseen))
