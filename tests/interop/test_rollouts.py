@@ -217,7 +217,8 @@ def test_what_jax_compiles_and_maps():
     with double_precision():
         plain = np.array([jax.grad(number)(one) for one in v])
         assert np.array_equal(jax.vmap(jax.grad(number))(v), plain)
-        assert np.array_equal(jax.jit(jax.grad(number))(v[0]), plain[0])
+        # what JAX compiles of `mix` may fuse products and sums where the machine can
+        np.testing.assert_allclose(jax.jit(jax.grad(number))(v[0]), plain[0], rtol=1e-14)
         matrix = mbvi.sensitivity(thrown(e).at(q, v[0]), duration=DURATION).matrix[:3]
         by_q, by_v = jax.jacrev(lambda q, v: rollout(q, v, e)[0], argnums=(0, 1))(q, v[0])
         agrees(np.hstack([by_q, by_v]), matrix)
