@@ -100,7 +100,8 @@ def test_a_family_from_outside_moves_as_the_same_constraint_given_by_gap_and_gra
     e = 0.0 if isinstance(scheme, mbvi.StewartTrinkle) else 1.0
     ours, plain = (run(points(one, START, SPEED, e), scheme, 8.0) for one in (PointsInSphere(1), PlainSphere()))
     assert len(ours.impacts) == len(plain.impacts) >= 1
-    np.testing.assert_array_equal(ours.t, plain.t)
+    # users sum up their gaps in other orders than kernels do
+    np.testing.assert_allclose(ours.t, plain.t, rtol=0, atol=1e-12)
     np.testing.assert_allclose(ours.q, plain.q, rtol=0, atol=1e-12)
     np.testing.assert_allclose(ours.v, plain.v, rtol=0, atol=1e-12)
     for one, other in zip(ours.impacts, plain.impacts, strict=True):
