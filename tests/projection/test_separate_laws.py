@@ -51,8 +51,8 @@ def test_each_island_is_solved_as_if_alone(seed):
     assert closing > 0
 
 
-def test_a_start_helps_each_island():
-    """From the last percussions the answer is the same; of islands with one answer and with several."""
+def test_a_start_does_not_change_the_answer_of_islands():
+    """Of islands with one answer and with several."""
     rng = np.random.default_rng(5)
     parts = [part(rng, 1), part(rng, 4), part(rng, 2)]
     M, J, x = together(parts, np.arange(7))

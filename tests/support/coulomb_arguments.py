@@ -280,7 +280,7 @@ def coulomb_law(rng):
     return J, A, *given, np.zeros(n), np.full(nv, np.nan), np.full((3, n), np.nan), np.zeros(m, np.int64)
 
 
-def law_of_island(rng):
+def law_of_all(rng):
     *given, w, table, case = coulomb_law(rng)
     J, _, x, lower, mu, *_ = given
     w[:], cancelled = x, free_speeds_of(J, x, lower, mu, table)
@@ -294,7 +294,7 @@ def free_speeds_of(J, x, lower, mu, table):
 
 
 def parted(rng):
-    """Arguments of `coulomb_law` whose contacts are two islands, the number of islands and who owns what."""
+    """Arguments of `coulomb_law` whose contacts are two islands."""
     J, A, x, lower, mu, bound, known, limit, start, w, table, case = coulomb_law(rng)
     (n, nv), m = J.shape, len(mu)
     both = [np.block([[rows, np.zeros((n, nv))], [np.zeros((n, nv)), rows]]) for rows in (J, A)]
@@ -309,12 +309,13 @@ def label_contacts(rng):
     return J, A, bound, np.zeros(len(x), np.int64), np.zeros(len(mu), np.int64)
 
 
-def merge(rng):
-    label = rng.integers(0, 3, size=5)
-    return label, int(rng.integers(5)), int(rng.integers(5))
+def share_a_velocity(rng):
+    A = rows(rng)[1]
+    A[3 * rng.integers(len(A) // 3) :, : rng.integers(A.shape[1])] = 0.0
+    return (A,)
 
 
-def law_of_one_island(rng):
+def law_of_island(rng):
     given = parted(rng)
     m, nv = len(given[4]) // 2, len(given[2]) // 2
     return int(rng.integers(2)), np.repeat([0, 1], m), np.repeat([0, m], nv), *given
@@ -395,10 +396,10 @@ COULOMB_ARGUMENTS = {
         scale_speeds,
         solve_scaled,
         coulomb_law,
-        law_of_island,
+        law_of_all,
+        share_a_velocity,
         label_contacts,
-        merge,
-        law_of_one_island,
+        law_of_island,
         newton_in_rounds,
         interleave,
         row_speeds,

@@ -249,7 +249,7 @@ def carried_law(
     "Tuple((f8, b1))(f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], i8[::1], i8, f8, f8[::1], f8, f8[::1], "
     "f8[:,::1], i8[::1])"
 )
-def law_of_island(
+def law_of_all(
     J: Array, A: Array, x: Array, lower: Array, mu: Array, bound: Array, known: int, limit: float, start: Array,
     cancelled: float, w: Array, table: Array, case: Array,
 ) -> tuple[float, bool]:  # fmt: skip

@@ -6,18 +6,22 @@ import numpy as np
 
 from ...compiled import kernel
 from ..metric import Array
-from .law import free_speeds, law_of_island
+from ..sparse.gram import islands
+from .law import free_speeds, law_of_all
 from .newton import OPEN
+from .sticking.carried import list_columns
 
 
-@kernel("void(i8[::1], i8, i8)")
-def merge(label: Array, a: int, b: int) -> None:
-    """Give the contacts of the islands of a and b the lesser label of both."""
-    old, new = max(label[a], label[b]), min(label[a], label[b])
-    if old != new:
-        for c in range(len(label)):
-            if label[c] == old:
-                label[c] = new
+@kernel("b1(f8[:,::1])")
+def share_a_velocity(A: Array) -> bool:
+    """Return whether all contacts move the first velocity that the first contact moves, as those of one robot do."""
+    first = 0
+    while first < A.shape[1] - 1 and A[0, first] == 0.0 and A[1, first] == 0.0 and A[2, first] == 0.0:
+        first += 1
+    for i in range(0, len(A), 3):
+        if A[i, first] == 0.0 and A[i + 1, first] == 0.0 and A[i + 2, first] == 0.0:
+            return False
+    return True
 
 
 @kernel("i8(f8[:,::1], f8[:,::1], i8[::1], i8[::1], i8[::1])")
@@ -33,37 +37,28 @@ def label_contacts(J: Array, A: Array, bound: Array, owner: Array, label: Array)
     label : ndarray of int, shape (m,)
         Receives the island of each contact, in the order of their first contacts.
     """
-    m, nv, count = len(label), len(owner), 0
+    m, nv, end = len(label), len(owner), 0
+    columns, counts, flat = np.empty((m, nv), np.int64), np.empty(m, np.int64), np.empty(m * (nv + 1), np.uint32)
+    starts = np.zeros(m + 1, np.uint32)
+    list_columns(J, A, columns, counts, owner)
     for k in range(nv):
         owner[k] = -1
     for a in range(m):
-        label[a] = a
-    for a in range(m):
-        i = 3 * a
-        for k in range(nv):
-            moves = J[i, k] != 0.0 or J[i + 1, k] != 0.0 or J[i + 2, k] != 0.0
-            if moves or A[i, k] != 0.0 or A[i + 1, k] != 0.0 or A[i + 2, k] != 0.0:
-                if owner[k] < 0:
-                    owner[k] = a
-                else:
-                    merge(label, a, owner[k])
-        if bound[a] >= 0:
-            merge(label, a, bound[a])
-    # the label of an island is its first contact until here
-    for a in range(m):
-        if label[a] == a:
-            label[a] = count
-            count += 1
-        else:
-            label[a] = label[label[a]]
-    return count
+        for n in range(counts[a]):
+            k = columns[a, n]
+            flat[end], end = k, end + 1
+            owner[k] = a if owner[k] < 0 else owner[k]
+        # a column that it shares with the contact which bounds it
+        flat[end], end = nv + (bound[a] if bound[a] >= 0 else a), end + 1
+        starts[a + 1] = end
+    return islands(flat[:end], starts, nv + m, np.ones(m, np.bool_), label)
 
 
 @kernel(
     "Tuple((f8, b1))(i8, i8[::1], i8[::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], i8[::1], i8, f8, f8[::1], "
     "f8[::1], f8[:,::1], i8[::1])"
 )
-def law_of_one_island(
+def law_of_island(
     island: int, label: Array, owner: Array, J: Array, A: Array, x: Array, lower: Array, mu: Array, bound: Array,
     known: int, limit: float, start: Array, w: Array, table: Array, case: Array,
 ) -> tuple[float, bool]:  # fmt: skip
@@ -98,7 +93,7 @@ def law_of_one_island(
     closing, cancelled = free_speeds(own_J, own_x, own_lower, own_mu, own_table)
     residual, unique = 0.0, True
     if closing:
-        residual, unique = law_of_island(
+        residual, unique = law_of_all(
             own_J, own_A, own_x, own_lower, own_mu, own_bound, known, limit, own_start, cancelled, own_w, own_table,
             own_case,
         )  # fmt: skip
@@ -165,11 +160,11 @@ def coulomb_law(
             case[a] = OPEN
         return 0.0, True
     owner, label, most, all_unique = np.empty(nv, np.int64), np.empty(m, np.int64), 0.0, True
-    count = label_contacts(J, A, bound, owner, label)
+    count = 1 if share_a_velocity(A) else label_contacts(J, A, bound, owner, label)
     if count == 1:
-        return law_of_island(J, A, x, lower, mu, bound, known, limit, start, cancelled, w, table, case)
+        return law_of_all(J, A, x, lower, mu, bound, known, limit, start, cancelled, w, table, case)
     for island in range(count):
-        residual, unique = law_of_one_island(
+        residual, unique = law_of_island(
             island, label, owner, J, A, x, lower, mu, bound, known, limit, start, w, table, case
         )
         # written so that a NaN stays
