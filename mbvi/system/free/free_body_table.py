@@ -49,7 +49,7 @@ class FreeBodyTable(NamedTuple):
     centre: Array
 
 
-# a body that turns, whose linear velocity is that of an origin; and the place of its centre there
+# mass, inertia, whether it turns, whether its linear velocity is that of an origin, and its centre from there
 _Body = tuple[float, Array, bool, bool, Array]
 
 
@@ -108,7 +108,7 @@ def velocities_in_space(system: System) -> csr_array | None:
     parts, flat = [part.system for part in system.located_parts()], (PlanarBodies, PlanarSpheres)
     if not any(isinstance(part, flat) for part in parts):
         return None
-    blocks = [part.in_space() if isinstance(part, flat) else eye_array(part.nv) for part in parts]
+    blocks = [part.in_space if isinstance(part, flat) else eye_array(part.nv) for part in parts]
     return csr_array(block_diag(blocks, format="csr"))
 
 

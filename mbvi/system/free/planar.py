@@ -7,6 +7,8 @@ and no body turns out of the plane.
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 import pinocchio as pin
 from scipy.sparse import block_diag, csr_array
@@ -15,7 +17,7 @@ from ...compiled import plain_array
 from ...projection import DiagonalMetric
 from ..system import Array, System
 from .bodies import FreeBodies, Spheres
-from .sparse_rows import MOST_DENSE, rows_of_two
+from .sparse_rows import MOST_DENSE, rows_of_two, times
 from .turning import planar_separation_rows
 
 
@@ -41,8 +43,9 @@ class PlanarSpheres(Spheres):
         self._pull = np.tile(gravity[self._along], len(masses))
         self._weight = masses[:, None] * gravity
 
+    @cached_property
     def in_space(self) -> csr_array:
-        """Return the matrix that maps v to the velocities of centres in space, shape (3 n, nv)."""
+        """The matrix that maps v to the velocities of centres in space, shape (3 n, nv)."""
         return csr_array(block_diag([np.eye(3)[:, self._along]] * len(self._weight)))
 
     def integrate(self, q: Array, dv: Array) -> Array:
@@ -102,21 +105,15 @@ class PlanarBodies(FreeBodies):
         self._load = self._diagonal * self._pull
 
     def integrate(self, q: Array, dv: Array) -> Array:
-        return super().integrate(q, self._in_space(dv))
+        return super().integrate(q, times(self.in_space, dv))
 
     integrate_each, difference_each = System.integrate_each, System.difference_each
 
+    @cached_property
     def in_space(self) -> csr_array:
-        """Return the matrix that maps v to the velocities of bodies in space, shape (6 n, nv)."""
+        """The matrix that maps v to the velocities of bodies in space, shape (6 n, nv)."""
         across = np.eye(3)[:, self._along]
         return csr_array(block_diag([part for normal in self.normals for part in (across, normal[:, None])]))
-
-    def _in_space(self, v: Array) -> Array:
-        """Return the velocities of bodies in space."""
-        flat, full = v.reshape(-1, 3), np.zeros((len(self.normals), 6))
-        full[:, self._along] = flat[:, :2]
-        full[:, 3:] = flat[:, 2:] * self.normals
-        return full.reshape(-1)
 
     def difference(self, q0: Array, q1: Array) -> Array:
         full = super().difference(q0, q1).reshape(-1, 6)
@@ -148,7 +145,7 @@ class PlanarBodies(FreeBodies):
         return rows_of_two(self.nv, self.sparse, first, second, *rows)
 
     def point_bias(self, q: Array, v: Array, bodies: Array, points: Array) -> Array:
-        return super().point_bias(q, self._in_space(v), bodies, points)
+        return super().point_bias(q, times(self.in_space, v), bodies, points)
 
     def reach(self, body: int, centre: Array, radius: float) -> Array:
         reach = np.zeros(self.nv)
