@@ -205,20 +205,8 @@ class FrictionalLaws:
         keys = contact_keys(rows.constraint)
         J, (start, known) = _contact_rows(rows), self._last.of_contacts(keys)
         fine = self._fine_rows(J, rows.constraint)
-        many = project_frictional_sparse(
-            x,
-            metric,
-            J,
-            bounds.ravel(),
-            tangents.friction,
-            residual,
-            start,
-            known,
-            rate,
-            fine,
-            accepted,
-            tangents.bound,
-        )
+        law = x, metric, J, bounds.ravel(), tangents.friction
+        many = project_frictional_sparse(*law, residual, start, known, rate, fine, accepted, tangents.bound)
         first = residual if fine is None or not fine.contacts.any() else fine.residual
         self._accept(many, first, rows, lower)
         self._last.keep(many.percussion.reshape(-1, 3), keys)
@@ -231,9 +219,8 @@ class FrictionalLaws:
         tangents = rows.tangents
         assert tangents is not None
         J, residual = _wide(rows.jacobian, tangents), self._acceptance.bound(self._residual)
-        found = project_frictional(
-            x, metric, J, bounds.ravel(), tangents.friction, residual, self.start, tangents.bound
-        )
+        law = x, metric, J, bounds.ravel(), tangents.friction, residual, self.start, tangents.bound
+        found = project_frictional(*law)
         self._accept(found, self._residual, rows, lower)
         self.start = FrictionalStart(found.start, found.unique)
         return found

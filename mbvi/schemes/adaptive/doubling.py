@@ -106,7 +106,8 @@ def hidden(problem: Problem, step: Step, resting: Rows, slides: Array, still: fl
         fast, slow = np.hypot(*after.T), np.hypot(*before.T)
         begins = (owner >= 0) & (slow <= still) & (fast > still)
         opening = np.maximum(opening, np.where(begins, fast, 0.0))
-        slid = (owner >= 0) & np.append(slides, False)[owner]
+        # owner is -1 where there is none
+        slid = np.append(slides, False)[owner]
         excess = _excess(step, slid & (slow > still) & (fast <= still))
         turns = (after * before).sum(axis=1) < 0.0
         reverses = bool((turns & (step.percussion > 0.0) & (np.minimum(fast, slow) > still)).any())

@@ -23,7 +23,7 @@ def link(folder):
     """A robot of one link, its centre of mass aside of its origin, which goes round it."""
     (folder / "link.urdf").write_text(LINK)
     scene = mbvi.Scene(gravity=(0, 0, 0))
-    scene.add_urdf(folder / "link.urdf", base="free", base_velocity=[*np.cross([-0.1, 0.05, -0.02], SPIN) * -1, *SPIN])
+    scene.add_urdf(folder / "link.urdf", base="free", base_velocity=[*np.cross([0.1, -0.05, 0.02], SPIN), *SPIN])
     return scene.build()
 
 
