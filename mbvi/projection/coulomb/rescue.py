@@ -22,6 +22,8 @@ _CLOSE = 1e-12
 _WEIGHT, _LESS, _LEAST, _MOST_PROXIMAL = 1.0, 0.3, 1e-9, 40
 # sweeps of the first round, their factor from round to round; Newton steps after each, and errors remembered in them
 _FIRST_SWEEPS, _MORE_SWEEPS, _STEPS, _REMEMBERED = 3, 3, 60, 3
+# Newton's method seldom needs more steps after few sweeps, unless it goes on without end: as many, and one of so many
+_FEW_STEPS, _SWEEPS_A_STEP = 8, 4
 # rounds of sweeps
 _ROUNDS = 7
 _HELD_STEPS, _POLISHING_SWEEPS = 30, 300
@@ -86,7 +88,8 @@ def sweeps_and_newton(G: Array, b: Array, mu: Array, limit: float, p: Array) -> 
         if best <= limit:
             break
         keep_better(swept, 0.0, 1.0, trial)
-        residual = newton_coulomb(G, b, mu, _STEPS, limit, SHIFT, _REMEMBERED, trial)
+        steps = min(max(_FEW_STEPS, sweeps // _SWEEPS_A_STEP), _STEPS)
+        residual = newton_coulomb(G, b, mu, steps, limit, SHIFT, _REMEMBERED, trial)
         best = keep_better(trial, residual, best, p)
         if best <= limit:
             break

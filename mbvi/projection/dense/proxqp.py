@@ -29,7 +29,8 @@ class ProxQP:
     An outer loop of proximal steps adds a multiple of the identity to G, so that singular and nearly singular problems
     are solved like others; an inner semi-smooth Newton method solves each step. It stops at a residual of 1e-12 of the
     largest violation, where ProxSuite's iterations allow it. Every projection makes an object of its own, started from
-    the last percussions: what an object keeps from earlier problems would change the last digits of the answer.
+    the last percussions: what an object keeps from earlier problems would change the last digits of the answer. On
+    processors with AVX-512 they also depend on where ProxSuite's memory lies.
 
     Notes
     -----
