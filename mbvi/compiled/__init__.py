@@ -1,6 +1,6 @@
 """Kernels: functions on arrays that numba compiles at their first call, and the cache that keeps them."""
 
-from .addresses import address, call_address
+from .addresses import address, call_address, record_at
 from .folder import cache_folder
 from .kernels import (
     KERNELS,
@@ -28,5 +28,6 @@ __all__ = [
     "kernel",
     "plain_array",
     "record",
+    "record_at",
     "seconds_compiling",
 ]

@@ -1,9 +1,11 @@
-"""Calls of C functions by their addresses, from kernels and from Python."""
+"""Calls of C functions and uses of records by their addresses, from kernels and from Python."""
 
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Sequence
 from typing import Any
+from weakref import WeakValueDictionary, finalize
 
 import numpy as np
 
@@ -52,4 +54,39 @@ class AddressCall:
         return call_address
 
 
-call_address = AddressCall()
+class RecordAt:
+    """Returns the record at an address, of the kind of another one: an array may hold the addresses of several."""
+
+    def __init__(self) -> None:
+        # records that Python knows, by their addresses
+        self._known: WeakValueDictionary[int, Any] = WeakValueDictionary()
+
+    def __call__(self, like: Any, where: int) -> Any:
+        """Return the record, where Python runs the kernel."""
+        return self._known[int(where)]
+
+    def addresses(self, records: Sequence[Any]) -> np.ndarray:
+        """Return the addresses of held records, 0 of None; these stay alive as long as the array."""
+        found = np.zeros(len(records), np.int64)
+        for k, each in enumerate(records):
+            if each is not None:
+                found[k], self._known[each.memory_address] = each.memory_address, each
+        finalize(found, len, records).atexit = False
+        return found
+
+    def callee(self) -> Any:
+        """Return numba's form of it."""
+        from numba.core import types
+        from numba.extending import intrinsic
+
+        def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+            return builder.inttoptr(values[1], context.get_value_type(signature.return_type))
+
+        @intrinsic
+        def record_at(typing: Any, like: Any, where: Any) -> Any:
+            return like(like, types.int64), generate
+
+        return record_at
+
+
+call_address, record_at = AddressCall(), RecordAt()

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple, TypeVar, cast
 import numpy as np
 
 from ..errors import InputError
-from .addresses import AddressCall
+from .addresses import AddressCall, RecordAt
 from .folder import cache_folder
 
 _logger = logging.getLogger(__name__)
@@ -184,7 +184,7 @@ class Kernel:
         # numba names machine code by it: kernels of one source must not share a name
         loops.__qualname__ = self.__name__
 
-        calls = {name: namespace[name] for name in _names(loops.__code__) if _is_address_call(namespace.get(name))}
+        calls = {name: namespace[name] for name in _names(loops.__code__) if _takes_address(namespace.get(name))}
 
         def make_callees(wait: bool) -> bool:
             made = _all_made([other.callee for other in others.values()], wait)
@@ -346,5 +346,5 @@ def _records_of(names: Iterable[str], namespace: dict[str, Any]) -> dict[str, An
     return found
 
 
-def _is_address_call(value: Any) -> bool:
-    return isinstance(value, AddressCall)
+def _takes_address(value: Any) -> bool:
+    return isinstance(value, AddressCall | RecordAt)

@@ -183,7 +183,7 @@ class Held:
         Its type.
     """
 
-    __slots__ = ("_memory", "_numba_type_", "_values", "memory_address")
+    __slots__ = ("__weakref__", "_memory", "_numba_type_", "_values", "memory_address")
 
     def __init__(self, record: Any, of: RecordType) -> None:
         self._numba_type_, self._values = of, record

@@ -14,7 +14,7 @@ import pytest
 
 import mbvi
 from mbvi.compiled import KERNELS as ALL_KERNELS
-from mbvi.compiled import Kernel, all_kernels, call_address, calling_others, held, record
+from mbvi.compiled import Kernel, all_kernels, call_address, calling_others, held, record, record_at
 from mbvi.constraints import HalfSpaceContacts
 from mbvi.projection import Projector
 from support.kernel_arguments import ARGUMENTS, IF_ACCEPTED, accepted, arguments, equal, seeds, specified
@@ -265,6 +265,26 @@ def test_a_function_is_called_by_its_address(nogil):
     for each in (item, call_it):
         each(address, -(2**40), -3)
     assert found == [(-(2**40), -3)] * 2
+
+
+def total_of_all(like, where):
+    found = 0.0
+    for k in range(len(where)):
+        if where[k] != 0:
+            each = record_at(like, where[k])
+            found += each.a.sum() + each.b[0]
+    return found
+
+
+def test_a_kernel_takes_records_by_their_addresses():
+    """Each as it is now, and as long as the array with the addresses lives."""
+    like = held(Two(np.zeros(2), np.zeros(1)))
+    records = [held(Two(np.full(2, float(k)), np.full(1, 0.5))) for k in range(3)]
+    where = record_at.addresses([records[0], None, *records[1:]])
+    records[2].replace(b=np.full(1, 10.0))
+    del records
+    item = unlisted(total_of_all, "f8(Two, i8[::1])")
+    assert item(like, where) == total_of_all(like, where) == 0.5 + 2.5 + 14.0
 
 
 def half_of(x):

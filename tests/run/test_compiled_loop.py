@@ -247,6 +247,24 @@ def test_a_step_of_a_robot_of_hulls_on_rubble_is_that_of_the_scheme(scheme):
     assert np.mean(taken) > 0.9
 
 
+@pytest.mark.parametrize("e", [0.0, 0.4])
+@pytest.mark.parametrize("scheme", SCHEMES, ids=repr)
+def test_a_step_on_several_meshes_is_that_of_the_scheme(scheme, e):
+    """A box lies across two fields, and a ball and a capsule go from a field to a roof, one of them too fast."""
+    scene = mbvi.Scene(restitution=e, friction=0.4)
+    rng = np.random.default_rng(5)
+    for name, x in (("left", -1.0), ("right", 1.0)):
+        scene.add_heightfield(0.04 * rng.random((32, 32)), (2.0, 2.0), position=(x, 0, 0), name=name)
+    corners = [(-1, -1, 0), (1, -1, 0), (-1, 0, 0.5), (1, 0, 0.5), (-1, 1, 0), (1, 1, 0)]
+    faces = [[0, 1, 3], [0, 3, 2], [2, 3, 5], [2, 5, 4]]
+    scene.add_surface(corners, faces, one_sided=True, position=(0, 1.5, 0), name="roof")
+    scene.add_box((0.5, 0.2, 0.1), position=(0.0, 0, 0.15), rotation=(0.1, 0.2, 0.0), name="box")
+    scene.add_sphere(0.1, position=(-0.5, 0.6, 0.2), velocity=(2.0, 1.0, 0.0), name="ball")
+    scene.add_capsule(0.04, 0.2, position=(0.8, 0.3, 0.4), velocity=(-1.0, 1.0, -60.0), name="capsule")
+    taken = [step is not None for step in steps_that_agree(scene.build(), scheme, 300, spread=SPREAD)]
+    assert np.mean(taken) > 0.9
+
+
 @pytest.mark.parametrize("mu", [0.0, 0.6])
 @pytest.mark.parametrize("e", [0.0, 0.05])
 @pytest.mark.parametrize(("name", "steps"), [("solo12", 150), ("go2", 150), ("anymal", 150)])

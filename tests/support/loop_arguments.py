@@ -16,10 +16,10 @@ import pytest
 from numba.extending import typeof_impl
 
 import mbvi
-from mbvi.compiled import Kernel, records
+from mbvi.compiled import Kernel, record_at, records
 from mbvi.constraints.mechanism.row_callback import RowCallback
 from mbvi.constraints.mechanism.state import row_buffer
-from mbvi.constraints.mechanism.tables import MOST_ROWS, SHAPES_AT_MESH
+from mbvi.constraints.mechanism.tables import BALLS_AT_MESH, MOST_ROWS, SHAPES_AT_MESH
 from mbvi.run.loop import compiled_loop, loop_scope, step_loop
 from mbvi.run.loop.loop_record import LoopRecord
 from mbvi.system.mechanisms.mechanism import place
@@ -141,7 +141,7 @@ def arrays_of(value, path=()):
     elif isinstance(value, tuple):
         names = getattr(value, "_fields", [""] * len(value))
         for k, (name, part) in enumerate(zip(names, value, strict=True)):
-            if name not in ("calls", "address", "out", "found"):
+            if name not in ("calls", "address", "meshes", "out", "found"):
                 yield from arrays_of(part, (*path, k))
 
 
@@ -509,6 +509,12 @@ def write_gradients(rng, seed):
     return s.mechanism, s.constraints, s.rows, int(rng.integers(s.rows.size[0]))
 
 
+def write_gradient_of(rng, seed):
+    mechanism, constraints, rows, _ = write_gradients(rng, seed)
+    # rows of the family, and others
+    return mechanism, constraints.walls if seed else constraints.pairs, rows, int(rng.integers(rows.size[0]))
+
+
 def _sunk(seed):
     return _call("least_displacement", DEFAULT, struck, (ROUGH, BOUNCY, RIGID)[seed], 5)
 
@@ -563,25 +569,34 @@ def touching(rng, seed):
     return s.mechanism, s.constraints, q, float(rng.choice([1e-8, 0.02])), s.rows
 
 
+def mesh_of(constraints, field, kind):
+    """The first family of a kind at a mesh."""
+    where = constraints.meshes[constraints.cache.kind.tolist().index(kind)]
+    return record_at(getattr(constraints, field), where)
+
+
 def touching_shapes(rng, seed):
     mechanism, constraints, *rest = touching(rng, seed)
-    return mechanism, constraints.at_mesh, *rest
+    return mechanism, mesh_of(constraints, "shapes_at_mesh", SHAPES_AT_MESH), *rest
 
 
 def touching_spheres(rng, seed):
     mechanism, constraints, *rest = touching(rng, seed)
-    return mechanism, constraints.balls_at_mesh, constraints.rolling, *rest
+    return mechanism, mesh_of(constraints, "spheres_at_mesh", BALLS_AT_MESH), *rest
 
 
 def may_enter(rng, seed):
     s, log, q, v, h = _above_rubble(seed)
-    columns = np.flatnonzero(log.kind == SHAPES_AT_MESH)
+    kinds = s.constraints.cache.kind
+    columns = np.flatnonzero(kinds[log.family] == SHAPES_AT_MESH)
     return s, log, int(rng.choice(columns)), q, float(rng.choice([1.0, 3.0])) * v, h
 
 
 def may_get_deep(rng, seed):
     s, log, q, v, h = _above_rubble(seed)
-    return s, log, int(rng.integers(2)), q, float(rng.choice([1.0, 3.0])) * h * v, float(rng.choice([1e-4, 1e-2]))
+    shapes = mesh_of(s.constraints, "shapes_at_mesh", SHAPES_AT_MESH)
+    way, depth = float(rng.choice([1.0, 3.0])) * h * v, float(rng.choice([1e-4, 1e-2]))
+    return s, shapes, log, int(rng.integers(2)), q, way, depth
 
 
 LOOP_ARGUMENTS = {
@@ -602,6 +617,7 @@ LOOP_ARGUMENTS = {
     "distance_of": lambda rng, seed: (*_near(seed)[1:], int(rng.integers(2)), float(rng.choice([0.0, 1.0]))),
     "is_beyond": is_beyond,
     "write_gradients": write_gradients,
+    "write_gradient_of": write_gradient_of,
     "displacement_of_groups": displacement_of_groups,
     "independent_groups": independent_groups,
     "project_moving": project_moving,

@@ -77,6 +77,22 @@ class BallsAtMesh(NamedTuple):
     normal: Array
 
 
+@record("BallsAtMesh, PairFamily")
+class SpheresAtMesh(NamedTuple):
+    """Spheres at a mesh, and their numbers, bodies and coefficients.
+
+    Attributes
+    ----------
+    at : BallsAtMesh
+        The spheres and the mesh.
+    family : PairFamily
+        The rest.
+    """
+
+    at: BallsAtMesh
+    family: PairFamily
+
+
 @kernel("void(Mechanism, ShapesAtMesh)")
 def place_at_mesh(mechanism: Mechanism, shapes: ShapesAtMesh) -> None:
     """Write where the bodies of the shapes are."""
@@ -102,11 +118,10 @@ def touching_shapes(mechanism: Mechanism, shapes: ShapesAtMesh, q: Array, tolera
     return FOUND
 
 
-@kernel("i8(Mechanism, BallsAtMesh, PairFamily, f8[::1], f8, RowBuffer)")
-def touching_spheres(
-    mechanism: Mechanism, balls: BallsAtMesh, family: PairFamily, q: Array, tolerance: float, rows: RowBuffer
-) -> int:
+@kernel("i8(Mechanism, SpheresAtMesh, f8[::1], f8, RowBuffer)")
+def touching_spheres(mechanism: Mechanism, spheres: SpheresAtMesh, q: Array, tolerance: float, rows: RowBuffer) -> int:
     """Append the contacts of spheres with a mesh at q within a tolerance [m]; return a code."""
+    balls, family = spheres.at, spheres.family
     place(mechanism, q)
     for i in range(len(balls.radii)):
         pose = mechanism.poses[family.bodies[1, i]]

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...compiled import kernel, record
+from ...compiled import kernel, record, record_at
 from ...geometry.narrow.support_points import Points, lowest, points_below, spread_below
 from ...geometry.shapes.shape_table import Shapes  # noqa: F401  (a signature names it)
 from ...system.mechanisms.mechanism import Mechanism, place
@@ -21,7 +21,7 @@ from ..families.candidates import list_candidates
 from ..rows import Array
 from ..tangents import write_axes
 from .balls import Balls, touching_balls
-from .meshes import BallsAtMesh, ShapesAtMesh, touching_shapes, touching_spheres
+from .meshes import ShapesAtMesh, SpheresAtMesh, touching_shapes, touching_spheres
 from .pairs import PairShapes, pair_contacts
 from .row_callback import RowCallback, rows_by_callback
 from .tables import (
@@ -44,13 +44,14 @@ from .tables import (
 
 @record(
     "Clearances, Limits, Points, PairFamily, Tuple(Shapes), PairFamily, PairShapes, Balls, PairFamily, RowCallback,"
-    " BallsAtMesh, PairFamily, ShapesAtMesh"
+    " SpheresAtMesh, ShapesAtMesh, i8[::1]"
 )
 class MechanismConstraints(NamedTuple):
     """The constraints of one mechanism: joint limits, half-spaces with their points, pairs with shapes and axes, balls.
 
     `touching` has the numbers of `SphereContacts`, which are not those of pairs one after the other. Rows of `given`
-    functions come by a callback. `rolling` has the numbers of the spheres at a mesh.
+    functions come by a callback. `meshes`, shape (families,), has the addresses of spheres and of shapes at meshes, of
+    which `spheres_at_mesh` and `shapes_at_mesh` are some; 0 for other families.
     """
 
     cache: Clearances
@@ -63,9 +64,9 @@ class MechanismConstraints(NamedTuple):
     balls: Balls
     touching: PairFamily
     given: RowCallback
-    balls_at_mesh: BallsAtMesh
-    rolling: PairFamily
-    at_mesh: ShapesAtMesh
+    spheres_at_mesh: SpheresAtMesh
+    shapes_at_mesh: ShapesAtMesh
+    meshes: Array
 
 
 @kernel("Tuple((i8, f8))(Limits, i8, f8[::1], f8, RowBuffer)")
@@ -178,24 +179,38 @@ def write_rotations(columns: Array, support: Array, family: PairFamily, pair: in
                 rows.R[3 * a + c, k] = 0.0
 
 
+@kernel("void(Mechanism, PairFamily, RowBuffer, i8)")
+def write_gradient_of(mechanism: Mechanism, family: PairFamily, rows: RowBuffer, a: int) -> None:
+    """Write the gradients of row a if it is one of a family; see `write_gradients`."""
+    pair = rows.number[a] - family.number[0] if len(family.number) > 0 else -1
+    if 0 <= pair < len(family.number):
+        first, second = mechanism.support[family.bodies[0, pair]], mechanism.support[family.bodies[1, pair]]
+        row(mechanism.columns, first, second, rows.point[a], rows.normal[a], rows.J[a])
+        if len(rows.T) > 0 and rows.mu[a] > 0.0:
+            for c in range(2):
+                row(mechanism.columns, first, second, rows.point[a], rows.axes[a, c], rows.T[2 * a + c])
+        if len(rows.R) > 0:
+            write_rotations(mechanism.columns, mechanism.support, family, pair, rows, a)
+
+
 @kernel("void(Mechanism, MechanismConstraints, RowBuffer, i8)")
 def write_gradients(mechanism: Mechanism, constraints: MechanismConstraints, rows: RowBuffer, a: int) -> None:
     """Write the gradients of row a for where the mechanism is placed, unless it is a joint limit.
 
     Its point, normal and tangents are as they stand.
     """
-    for family in (
-        constraints.walls, constraints.pairs, constraints.touching, constraints.rolling, constraints.at_mesh.family
-    ):  # fmt: skip
-        pair = rows.number[a] - family.number[0] if len(family.number) > 0 else -1
-        if 0 <= pair < len(family.number):
-            first, second = mechanism.support[family.bodies[0, pair]], mechanism.support[family.bodies[1, pair]]
-            row(mechanism.columns, first, second, rows.point[a], rows.normal[a], rows.J[a])
-            if len(rows.T) > 0 and rows.mu[a] > 0.0:
-                for c in range(2):
-                    row(mechanism.columns, first, second, rows.point[a], rows.axes[a, c], rows.T[2 * a + c])
-            if len(rows.R) > 0:
-                write_rotations(mechanism.columns, mechanism.support, family, pair, rows, a)
+    for k in range(len(constraints.cache.kind)):
+        kind = constraints.cache.kind[k]
+        if kind == HALF_SPACES:
+            write_gradient_of(mechanism, constraints.walls, rows, a)
+        elif kind == PAIRS:
+            write_gradient_of(mechanism, constraints.pairs, rows, a)
+        elif kind == BALLS:
+            write_gradient_of(mechanism, constraints.touching, rows, a)
+        elif kind == BALLS_AT_MESH:
+            write_gradient_of(mechanism, record_at(constraints.spheres_at_mesh, constraints.meshes[k]).family, rows, a)
+        elif kind == SHAPES_AT_MESH:
+            write_gradient_of(mechanism, record_at(constraints.shapes_at_mesh, constraints.meshes[k]).family, rows, a)
 
 
 @kernel("i8(Mechanism, MechanismConstraints, f8[::1], f8[::1], f8[::1], f8, RowBuffer)")
@@ -248,18 +263,20 @@ def active_rows(
             continue
         family = constraints.pairs if kind == PAIRS else constraints.touching if kind == BALLS else walls
         if kind == BALLS_AT_MESH:
-            family = constraints.rolling
+            family = record_at(constraints.spheres_at_mesh, constraints.meshes[k]).family
         elif kind == SHAPES_AT_MESH:
-            family = constraints.at_mesh.family
+            family = record_at(constraints.shapes_at_mesh, constraints.meshes[k]).family
         if kind == LIMITS:
             code, clearance = limit_rows(constraints.limits, k, q, tolerance, rows)
             cache.clearance[slot] = clearance + tolerance
         elif kind == BALLS:
             code = touching_balls(mechanism, constraints.balls, family, q, tolerance, rows)
         elif kind == BALLS_AT_MESH:
-            code = touching_spheres(mechanism, constraints.balls_at_mesh, family, q, tolerance, rows)
+            spheres = record_at(constraints.spheres_at_mesh, constraints.meshes[k])
+            code = touching_spheres(mechanism, spheres, q, tolerance, rows)
         elif kind == SHAPES_AT_MESH:
-            code = touching_shapes(mechanism, constraints.at_mesh, q, tolerance, rows)
+            shapes = record_at(constraints.shapes_at_mesh, constraints.meshes[k])
+            code = touching_shapes(mechanism, shapes, q, tolerance, rows)
         else:
             place(mechanism, q)
             if spent:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cache, cached_property
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
-from ...compiled import held
+from ...compiled import held, record_at
 from ...geometry.meshes.triangles import Surface
 from ...geometry.shapes.shape_table import Shapes, ShapeTable
 from ...system import System
@@ -24,7 +24,7 @@ from ..families.surface import SphereSurface
 from ..family import ConstraintFamily
 from ..rows import Array
 from .balls import Balls
-from .meshes import BallsAtMesh, ShapesAtMesh
+from .meshes import ShapesAtMesh, SpheresAtMesh
 from .row_callback import RowCallback
 from .rows import MechanismConstraints
 from .tables import (
@@ -49,6 +49,8 @@ _KINDS: dict[type, int] = {
 }  # fmt: skip
 # kinds that are queried at every step
 _ALWAYS = BALLS, GIVEN, BALLS_AT_MESH, SHAPES_AT_MESH
+# kinds of which there may be several families
+_SEVERAL = LIMITS, GIVEN, BALLS_AT_MESH, SHAPES_AT_MESH
 
 
 def _kind_of(family: ConstraintFamily) -> int | None:
@@ -109,7 +111,8 @@ class MechanismState:
         given = RowCallback(np.zeros(1, np.int64), np.zeros(1), some)
         self.arrays = MechanismConstraints(
             self._clearances, _limits(constraints), points, tables[HALF_SPACES], shapes, tables[PAIRS], near,
-            *_balls(constraints), given, *_balls_at_mesh(constraints), _shapes_at_mesh(constraints),
+            *_balls(constraints), given, _no_spheres_at_mesh(), _no_shapes_at_mesh(),
+            record_at.addresses(_at_meshes(constraints)),
         )  # fmt: skip
 
     def enter(self) -> bool:
@@ -157,29 +160,28 @@ class MechanismState:
 
 
 def columns_of(constraints: AdmissibleSet, families: Sequence[ConstraintFamily]) -> tuple[Array, Array, Array]:
-    """Return the kinds of all pairs of some families, their numbers in these, and their thicknesses [m], shapes (n,).
+    """Return of all pairs of some families which these are, the numbers in these, and thicknesses [m], shapes (n,).
 
-    The thickness is infinite where kernels do not know the distance of a pair.
+    A family is -1, and the thickness infinite, where kernels do not know the distance of a pair.
     """
-    kinds = [np.zeros(0, np.int64)]
+    which = [np.zeros(0, np.int64)]
     numbers, thickness = [np.zeros(0, np.int64)], [np.zeros(0)]
     for family in families:
-        kind = _kind_of(family)
-        known = kind in (PAIRS, SHAPES_AT_MESH)
-        kinds.append(np.full(family.size, kind if known else -1))
+        known = _kind_of(family) in (PAIRS, SHAPES_AT_MESH)
+        which.append(np.full(family.size, constraints.families.index(family) if known else -1))
         numbers.append(np.arange(family.size))
         thickness.append(np.full(family.size, family.thickness if known else np.inf, dtype=float))
-    return np.concatenate(kinds), np.concatenate(numbers), np.concatenate(thickness)
+    return np.concatenate(which), np.concatenate(numbers), np.concatenate(thickness)
 
 
 def can_be_compiled(constraints: AdmissibleSet) -> bool:
-    """Return whether the loop takes every family: joint limits, and at most one of each other kind.
+    """Return whether the loop takes every family: joint limits, meshes, and at most one of each other kind.
 
     Of one mechanism it also takes functions of the user, unless they have a `rate`, or something has torsional or
     rolling friction.
     """
     cache, kinds = constraints.cache, [_kind_of(family) for family in constraints.families]
-    several = [kind for kind in kinds if kind not in (LIMITS, GIVEN)]
+    several = [kind for kind in kinds if kind not in _SEVERAL]
     if None in kinds or len(set(several)) < len(several):
         return False
     if GIVEN in kinds and (constraints.resistance is not None or not constraints.system.single_mechanism):
@@ -245,39 +247,30 @@ def _nothing_at_mesh(kind: type[ShapeSurface | SphereSurface]) -> Any:
 
 
 @cache
-def _no_balls_at_mesh() -> BallsAtMesh:
-    return held(_nothing_at_mesh(SphereSurface).loop_table())
+def _no_spheres_at_mesh() -> SpheresAtMesh:
+    return held(SpheresAtMesh(_nothing_at_mesh(SphereSurface).loop_table(), _no_pairs(0)))
 
 
 @cache
-def _no_shapes_at_mesh(nv: int) -> ShapesAtMesh:
+def _no_shapes_at_mesh() -> ShapesAtMesh:
     nothing = _nothing_at_mesh(ShapeSurface)
-    return held(ShapesAtMesh(nothing.at_mesh, _no_pairs(nv), nothing.frames, np.zeros((0, 4, 3))))
+    return held(ShapesAtMesh(nothing.at_mesh, _no_pairs(0), nothing.frames, np.zeros((0, 4, 3))))
 
 
-def _at_mesh(constraints: AdmissibleSet, kind: int) -> tuple[Any, PairFamily] | None:
-    """Return the family of a kind, and the numbers of its pairs."""
-    for k, family in enumerate(constraints.families):
-        if _kind_of(family) == kind:
-            return family, _pair_family(constraints, k, _no_pairs(constraints.system.nv))
-    return None
-
-
-def _balls_at_mesh(constraints: AdmissibleSet) -> tuple[BallsAtMesh, PairFamily]:
-    found = _at_mesh(constraints, BALLS_AT_MESH)
-    if found is None:
-        return _no_balls_at_mesh(), _no_pairs(constraints.system.nv)
-    return found[0].loop_table(), found[1]
-
-
-def _shapes_at_mesh(constraints: AdmissibleSet) -> ShapesAtMesh:
-    found = _at_mesh(constraints, SHAPES_AT_MESH)
-    if found is None:
-        return _no_shapes_at_mesh(constraints.system.nv)
-    family, pairs = found
-    # all of them are looked at
-    pairs = pairs._replace(listed=np.arange(family.size))
-    return ShapesAtMesh(family.at_mesh, pairs, family.frames, np.zeros((len(family.frames), 4, 3)))
+def _at_meshes(constraints: AdmissibleSet) -> list[Any]:
+    """Return of each family the held record of spheres or shapes at a mesh, None of others."""
+    found: list[Any] = [None] * len(constraints.families)
+    for k, each in enumerate(constraints.families):
+        kind, family = _kind_of(each), cast("Any", each)
+        if kind in (BALLS_AT_MESH, SHAPES_AT_MESH):
+            pairs = _pair_family(constraints, k, _no_pairs(constraints.system.nv))
+            if kind == BALLS_AT_MESH:
+                found[k] = held(SpheresAtMesh(family.loop_table(), pairs))
+            else:
+                # all of them are looked at
+                pairs, places = pairs._replace(listed=np.arange(family.size)), np.zeros((len(family.frames), 4, 3))
+                found[k] = held(ShapesAtMesh(family.at_mesh, pairs, family.frames, places))
+    return found
 
 
 @cache

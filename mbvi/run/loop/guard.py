@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...compiled import kernel
-from ...constraints.mechanism.meshes import is_clear_of_mesh, place_at_mesh
+from ...compiled import kernel, record_at
+from ...constraints.mechanism.meshes import ShapesAtMesh, is_clear_of_mesh, place_at_mesh
 from ...constraints.mechanism.pairs import distance_of, is_beyond, place_bodies
 from ...constraints.mechanism.rows import MechanismConstraints
 from ...constraints.mechanism.tables import PAIRS, SHAPES_AT_MESH
@@ -88,15 +88,16 @@ def may_touch(s: MechanismStep, log: LoopRecord, column: int, q: Array, displace
     return True
 
 
-@kernel("b1(MechanismStep, LoopRecord, i8, f8[::1], f8[::1], f8)")
-def may_get_deep(s: MechanismStep, log: LoopRecord, member: int, q: Array, displacement: Array, depth: float) -> bool:
+@kernel("b1(MechanismStep, ShapesAtMesh, LoopRecord, i8, f8[::1], f8[::1], f8)")
+def may_get_deep(
+    s: MechanismStep, shapes: ShapesAtMesh, log: LoopRecord, member: int, q: Array, displacement: Array, depth: float
+) -> bool:
     """Return whether a shape may get deeper into a mesh by a depth [m], or touch it and get so deep, on its way.
 
     A gap falls and rises by no more than the shape moves: with those at both ends of a part of the way it is bounded.
     A vertex over a ridge has no row until it touches: parts are so short that it is found before it is deep.
     """
-    shapes, drift, there, before = s.constraints.at_mesh, log.tangents[2], log.places[1], np.empty((4, 3))
-    at = shapes.at
+    at, drift, there, before = shapes.at, log.tangents[2], log.places[1], np.empty((4, 3))
     place(s.mechanism, q)
     place_at_mesh(s.mechanism, shapes)
     write_place(at, shapes.places, member, before)
@@ -135,7 +136,8 @@ def may_enter(s: MechanismStep, log: LoopRecord, column: int, q: Array, v: Array
     member, thickness, turned = log.member[column], log.thickness[column], 0.0
     # most are far from the mesh, or move less than the bound of their travel
     far = 2.0 * log.travel[column] * thickness
-    if is_clear_of_mesh(s.mechanism, s.constraints.at_mesh, s.constraints.cache.q, member, far):
+    shapes = record_at(s.constraints.shapes_at_mesh, s.constraints.meshes[log.family[column]])
+    if is_clear_of_mesh(s.mechanism, shapes, s.constraints.cache.q, member, far):
         return False
     moved, middle = log.tangents[1], log.places[0]
     for k in range(len(v)):
@@ -144,13 +146,13 @@ def may_enter(s: MechanismStep, log: LoopRecord, column: int, q: Array, v: Array
     # along such arcs ways are longer than their chords by more than `_CURVED`
     if not turned < _MOST_TURNED:
         return True
-    if log.jump > 0.0 and may_get_deep(s, log, member, q, moved, DEEP * thickness):
+    if log.jump > 0.0 and may_get_deep(s, shapes, log, member, q, moved, DEEP * thickness):
         return True
     if log.jump == 1.0:
         return False
     retract(s.mechanism.calls, q, moved, middle)
     tangent(s.mechanism.calls, middle, s.q, moved)
-    return may_get_deep(s, log, member, middle, moved, DEEP * thickness)
+    return may_get_deep(s, shapes, log, member, middle, moved, DEEP * thickness)
 
 
 @kernel("void(f8[:,::1], f8[::1], f8[::1])")
@@ -209,12 +211,13 @@ def may_pass(s: MechanismStep, log: LoopRecord, q: Array, v: Array, h: float, li
         far = 2.0 * travel[i] * log.thickness[i]
         if travel[i] < 1.0:
             continue
-        if log.kind[i] == SHAPES_AT_MESH:
+        kind = s.constraints.cache.kind[log.family[i]] if log.family[i] >= 0 else -1
+        if kind == SHAPES_AT_MESH:
             placed = False
             if may_enter(s, log, i, q, v, h):
                 return True
             continue
-        if log.kind[i] != PAIRS:
+        if kind != PAIRS:
             return True
         if far < clearance_of(s.constraints, log.member[i]):
             continue

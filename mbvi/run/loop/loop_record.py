@@ -37,7 +37,7 @@ class LoopRecord(NamedTuple):
         Room for the percussions at the beginning of a step.
     share, shares : ndarray, shapes (nv,) and (nv, m)
         See `TunnellingGuard.shares`.
-    kind, member, thickness : ndarray, shape (m,)
+    family, member, thickness : ndarray, shape (m,)
         See `columns_of`.
     slow_speed : float
         See `TunnellingGuard`.
@@ -65,7 +65,7 @@ class LoopRecord(NamedTuple):
     before: Array
     share: Array
     shares: Array
-    kind: Array
+    family: Array
     member: Array
     thickness: Array
     slow_speed: float
