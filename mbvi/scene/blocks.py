@@ -151,12 +151,16 @@ class Blocks:
         moving = [b for b in bodies if not b.fixed]
         body = self.counts()[2]
         for k, b in enumerate(watched(bodies, "bodies")):
-            if b.fixed:
-                placed = PlacedShape(b.name, b.shape, 0, b.rotation, b.position, _GREY, b.motion)
-            else:
-                body += 1
-                placed = PlacedShape(b.name, b.shape, body, np.eye(3), -b.centre, _PALETTE[k % len(_PALETTE)])
-            self.shapes.append(self.simplify(placed, b.tolerance or 0.0))
+            body += not b.fixed
+            for name, shape in b.shapes.items():
+                if b.fixed:
+                    placed = PlacedShape(name, shape, 0, b.rotation, b.position, _GREY, b.motion)
+                else:
+                    placed = PlacedShape(name, shape, body, np.eye(3), -b.centre, _PALETTE[k % len(_PALETTE)])
+                self.shapes.append(self.simplify(placed, b.tolerance if b.parts else b.tolerance or 0.0))
+            if b.parts:
+                more = "" if b.larger is None else f", together {100 * b.larger:+.2g} % of its volume"
+                self.omitted.append(Omission(f"mesh {b.name}", f"cut into {len(b.parts)} convex parts{more}"))
         if not moving:
             return
         if "rest" in self.reduce and not self.items.connections:

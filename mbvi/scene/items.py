@@ -12,7 +12,7 @@ from ..arguments import label, made_label
 from ..errors import InputError
 from ..geometry.meshes.triangles import Surface
 from ..geometry.motion import Motion
-from ..geometry.shapes.shapes import Array, Convex, HalfSpace
+from ..geometry.shapes.shapes import Array, Convex, HalfSpace, Hull
 from ..system.joint_forces import JointForce
 from ..system.mechanisms.articulated import Control
 from .connected.items import ConnectionItem, CouplingItem
@@ -58,7 +58,8 @@ class RobotItem:
 class BodyItem:
     """A rigid body of one shape; `centre` is its centre of mass in the shape's frame, `motion` that of a fixed one.
 
-    `tolerance` is that of a simpler shape than its hull [m]; None is exact.
+    `tolerance` is that of a simpler shape than its hull [m]; None is exact. A body with `parts` touches as these,
+    which have by a part `larger` more volume than the mesh that they were cut from, if that is closed.
     """
 
     name: str
@@ -73,6 +74,13 @@ class BodyItem:
     fixed: bool
     motion: Motion | None = None
     tolerance: float | None = None
+    parts: tuple[Hull, ...] = ()
+    larger: float | None = None
+
+    @property
+    def shapes(self) -> dict[str, Convex]:
+        """What it touches as, by name."""
+        return {f"{self.name}[{k}]": part for k, part in enumerate(self.parts)} or {self.name: self.shape}
 
 
 @dataclass(frozen=True)
@@ -176,7 +184,7 @@ class SceneItems:
     def parts(self) -> set[str]:
         """Return the names of links, of single bodies of many, and of a container's walls."""
         shapes = (s.name for r in self.robots for s in r.robot.shapes)
-        return {*shapes, *(b.name for b in self.bodies), *self.walls}
+        return {*shapes, *(name for b in self.bodies for name in b.shapes), *self.walls}
 
     def shapes_of_links(self) -> dict[str, list[str]]:
         """Return the names of the shapes of each link "robot/link" that has several, or none."""
@@ -195,7 +203,7 @@ class SceneItems:
             own = item.robot.name
             shapes = item.robot.shapes if name == own else [s for s in item.robot.shapes if s.name == name]
             found += [(s.name, (own, s.body), s.body > 0) for s in shapes]
-        several = [b for b in self.bodies if name in (b.name, entity(b.name))]
+        several = [b for b in self.bodies if name in (b.name, entity(b.name), *b.shapes)]
         found += [(b.name, b.name, not b.fixed) for b in several[:2]]
         for spheres in self.spheres:
             found += [(s, s, True) for s in spheres.names()[:2] if spheres.name == name]

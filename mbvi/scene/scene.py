@@ -25,16 +25,17 @@ from ..arguments import (
     vector,
 )  # fmt: skip
 from ..errors import MbviWarning
-from ..geometry.motion import Motion, checked_motion
+from ..geometry.motion import Motion
 from ..geometry.shapes.orientation import RotationLike, rotation_matrix
-from ..geometry.shapes.shapes import Array, Box, Capsule, Convex, Cylinder, Ellipsoid, Hull, Sphere
+from ..geometry.shapes.shapes import Array, Box, Capsule, Cylinder, Ellipsoid, Sphere
 from ..system.mechanisms.articulated import Control
 from .assembly import assemble, start_picture
 from .connected.connections import Connections
 from .forces.actions import Actions
 from .grains import Grains
-from .inputs import BodyArguments, check_known, mesh_of, scaled
-from .items import BodyItem, RobotItem, SceneItems, SphereItem
+from .inputs import BodyArguments
+from .items import RobotItem, SceneItems, SphereItem
+from .meshes.added import Meshes
 from .mjcf.added import MjcfModels
 from .overview import overview, overview_html
 from .pairs.passing import passing_robots
@@ -48,7 +49,6 @@ from .urdf.robot import load_robot, robot_name
 from .urdf.robot_names import description_file
 from .urdf.start import initial_state, set_base_velocity
 from .urdf.still_joints import checked_locked
-from .walls import Walls
 
 if TYPE_CHECKING:
     from ..problem import Problem
@@ -56,7 +56,7 @@ if TYPE_CHECKING:
 _ORIGIN, _STILL, _UPRIGHT = (0.0, 0.0, 0.0), (0.0,) * 6, np.eye(3)
 
 
-class Scene(Walls, Grains, MjcfModels, PairRules, Actions, Connections):
+class Scene(Meshes, Grains, MjcfModels, PairRules, Actions, Connections):
     """A scene to simulate; SI units, angles in radians, world frame unless said otherwise.
 
     Parameters
@@ -294,31 +294,6 @@ class Scene(Walls, Grains, MjcfModels, PairRules, Actions, Connections):
         shape = Cylinder(positive(radius, "radius"), positive(length, "length"))
         return self._add_body(shape, mass, "cylinder", **body)
 
-    def add_mesh(
-        self,
-        path: str | os.PathLike[str],
-        mass: float = 1.0,
-        scale: float = 1.0,
-        tolerance: float | None = None,
-        convex: bool = True,
-        **body: Unpack[BodyArguments],
-    ) -> str:
-        """Add the convex hull of a mesh file (STL, OBJ, DAE) as a homogeneous body; the rest as `add_box`.
-
-        With `convex=False` it is the mesh as it is, hollows and all, a part of the world: solid behind its triangles if
-        it is closed, a sheet as of `add_surface` if it has a rim. Such a mesh has no mass, and moves by `motion` only.
-        `position` and `rotation` are those of the file's frame; q holds the centre of mass. `scale` multiplies the
-        file's coordinates [m per unit]. A hull that is a ball, box, capsule or cylinder within `tolerance` [m] touches
-        as that, or else as a hull of some of its vertices, if nine tenths of them suffice. By default only the
-        first, within 1e-9 of its size. Mass and inertia stay the hull's.
-        """
-        file = file_path(path)
-        if not boolean(convex, "convex"):
-            return self._add_as_it_is(file, scale, {"mass": mass, "tolerance": tolerance, **body})
-        hull = Hull(scaled(mesh_of(file)[0], scale))
-        within = optional(positive, tolerance, "tolerance")
-        return self._add_body(hull, mass, file.stem, within, **body)
-
     def build(self, reduce: Collection[str] = DEFAULT_REDUCTIONS, resolve: bool = False) -> Problem:
         """Return the Problem, with no degree of freedom, pair or constraint in it that the scene does not need.
 
@@ -347,28 +322,3 @@ class Scene(Walls, Grains, MjcfModels, PairRules, Actions, Connections):
         for one in passing_robots(self._items):
             warnings.warn(str(one), MbviWarning, stacklevel=2)
         return problem
-
-    def _add_body(
-        self,
-        shape: Convex,
-        mass: float,
-        default: str,
-        tolerance: float | None = None,
-        **body: Unpack[BodyArguments],
-    ) -> str:
-        check_known(body)
-        mass = positive(mass, "mass")
-        place = vector(body.get("position", _ORIGIN), "position")
-        turn = rotation_matrix(body.get("rotation", _UPRIGHT))
-        speed = vector(body.get("velocity", _ORIGIN), "velocity")
-        spin = vector(body.get("angular_velocity", _ORIGIN), "angular_velocity")
-        motion = checked_motion(body.get("motion"))
-        name = self._items.new_name(body.get("name"), default)
-        centre, inertia = np.zeros(3), shape.inertia(mass)
-        if isinstance(shape, Hull):
-            centre, inertia = shape.mass_properties(mass)
-        fixed = boolean(body.get("fixed", False), "fixed") or motion is not None
-        self._items.bodies.append(
-            BodyItem(name, shape, mass, inertia, centre, place, turn, speed, spin, fixed, motion, tolerance)
-        )
-        return name

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -27,7 +26,7 @@ from ..geometry.meshes.triangles import Surface
 from ..geometry.motion import Motion, checked_motion
 from ..geometry.shapes.orientation import RotationLike, rotation_matrix
 from ..geometry.shapes.shapes import Array, HalfSpace
-from .inputs import check_known, scaled
+from .inputs import scaled
 from .items import SceneItems, SurfaceItem
 from .meshes.grey import grey_values
 from .meshes.visual import triangles_of
@@ -230,24 +229,6 @@ class Walls:
             raise InputError(f"heights has shape {z.shape}; it must have two rows and columns at least")
         surface, moved = height_field(z, (along_x, along_y)), checked_motion(motion)
         return self._add_sheet(name, default, surface, place, turn, moved, z, (along_x, along_y))
-
-    def _add_as_it_is(self, file: Path, scale: float, given: dict[str, Any]) -> str:
-        """Add a mesh as it is; raise `InputError` on what is given for a body only."""
-        check_known(given, ("mass", "tolerance"))
-        if not boolean(given.pop("fixed", True), "fixed"):
-            raise InputError(
-                f"{file.name} as it is cannot move freely: of two meshes that both move, mbvi finds contacts of convex "
-                f"parts only. Add convex parts by add_mesh and join them by connect, or leave out fixed=False"
-            )
-        defaults: dict[str, Any] = {"mass": 1.0, "tolerance": None, "velocity": _ZERO, "angular_velocity": _ZERO}
-        for argument, default in defaults.items():
-            if not np.array_equal(given.pop(argument, default), default):
-                raise InputError(f"{argument} is not for a mesh as it is, convex=False: it is a part of the world")
-        points, corners, _ = triangles_of(file)
-        place = vector(given.get("position", _ZERO), "position")
-        turn = rotation_matrix(given.get("rotation", np.eye(3)))
-        surface, motion = Surface(scaled(points, scale), corners, None), checked_motion(given.get("motion"))
-        return self._add_sheet(given.get("name"), file.stem, surface, place, turn, motion)
 
     def _add_sheet(
         self, name: str | None, default: str, surface: Surface, place: Array, turn: Array, *more: Any

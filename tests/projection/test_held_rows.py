@@ -5,7 +5,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mbvi.projection.positions.held_rows import FARTHEST, HARDLY, held_tangents, hold_rows, raises_near
+from mbvi.projection.positions.held_rows import (
+    FARTHEST,
+    HARDLY,
+    held_tangents,
+    hold_rows,
+    raises_near,
+    strongest_tangents,
+)
 from mbvi.projection.tree import TreeMetric, solve
 
 PARENT = np.array([-1, 0, 1, 2, 3, 4, 5, 6, 5, 8])
@@ -94,6 +101,19 @@ def test_displacements_that_hardly_slip_are_not_held(apart, held_too):
     np.testing.assert_allclose(found, expected, atol=1e-12)
     # the fourth entry is what their difference takes
     assert (abs(found[0, 4]) < 1e-3) == held_too
+
+
+@pytest.mark.parametrize("contacts", [1, 3, 4, 20])
+def test_the_strongest_tangents_span_the_largest_singular_vectors(contacts, rng):
+    """Also of more rows than velocities, here six, and of rows that depend on each other."""
+    W = rng.normal(size=(3 * contacts, 6)) * np.array([1.0, 1.0, 1.0, 1.0, 1e-3, 1e-6])
+    near, sticks, Q = np.ones(contacts, bool), np.ones(contacts, bool), np.zeros((4 * contacts + 2, 6))
+    size = strongest_tangents(W, near, sticks, Q)
+    tangents = W[[i for i in range(len(W)) if i % 3]]
+    _, s, V = np.linalg.svd(tangents, full_matrices=False)
+    expected = V[s**2 > HARDLY * s[0] ** 2]
+    assert size == len(expected) == min(2 * contacts, 4)
+    np.testing.assert_allclose(Q[:size].T @ Q[:size], expected.T @ expected, rtol=0, atol=1e-8)
 
 
 def test_of_a_row_along_held_tangents_nothing_is_left():

@@ -94,18 +94,25 @@ def strongest_tangents(W: Array, near: Array, sticks: Array, Q: Array) -> int:
         if i % 3 > 0 and near[i // 3] and sticks[i // 3]:
             rows[count] = W[i]
             count += 1
-    G, V = np.empty((count, count)), np.empty((count, count))
-    for i in range(count):
-        for j in range(count):
-            G[i, j] = inner(rows[i], rows[j])
+    # of many rows the products of columns are the smaller matrix of the same eigenvalues
+    many = count > n
+    G, V = np.empty((min(count, n), min(count, n))), np.empty((min(count, n), min(count, n)))
+    for i in range(len(G)):
+        for j in range(len(G)):
+            if many:
+                G[i, j] = 0.0
+                for k in range(count):
+                    G[i, j] += rows[k, i] * rows[k, j]
+            else:
+                G[i, j] = inner(rows[i], rows[j])
     diagonalise(G, V)
-    for c in range(count):
+    for c in range(len(G)):
         largest = max(largest, G[c, c])
-    for c in range(count):
+    for c in range(len(G)):
         if G[c, c] > HARDLY * largest:
             for k in range(n):
-                Q[size, k] = 0.0
-                for i in range(count):
+                Q[size, k] = V[k, c] if many else 0.0
+                for i in range(0 if many else count):
                     Q[size, k] += V[i, c] * rows[i, k] / np.sqrt(G[c, c])
             size += 1
     return size

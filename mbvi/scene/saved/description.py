@@ -62,7 +62,7 @@ def describe(problem: Problem) -> str:
     items = problem.scene.items
     start = problem.scene.start
     # many bodies may share a shape
-    shapes = {id(b.shape): b.shape for b in items.bodies}
+    shapes: dict[int, Convex] = {id(s): s for b in items.bodies for s in (b.shape, *b.parts)}
     number = {shape: k for k, shape in enumerate(shapes)}
     return json.dumps(
         {
@@ -87,7 +87,7 @@ def describe(problem: Problem) -> str:
             "surfaces": [_surface(s) for s in items.surfaces],
             "robots": [_robot(r, _inputs(problem).get(r.robot.name)) for r in items.robots],
             "shapes": [_shape(s) for s in shapes.values()],
-            "bodies": [_body(b, number[id(b.shape)]) for b in items.bodies],
+            "bodies": [_body(b, number) for b in items.bodies],
             "spheres": [_plain(s.__dict__) for s in items.spheres],
             "controls": [_source(control) for control in items.controls],
             "connections": [
@@ -236,14 +236,17 @@ def _shape_back(data: dict[str, Any]) -> Convex:
     return Hull(np.array(data["points"])) if data["kind"] == "Hull" else _SHAPES[data["kind"]](**fields)
 
 
-def _body(item: BodyItem, shape: int) -> dict[str, Any]:
-    return {**_plain(item.__dict__), "shape": shape, "motion": _motion(item.motion)}
+def _body(item: BodyItem, number: dict[int, int]) -> dict[str, Any]:
+    parts = [number[id(part)] for part in item.parts]
+    return {**_plain(item.__dict__), "shape": number[id(item.shape)], "parts": parts, "motion": _motion(item.motion)}
 
 
 def _body_back(data: dict[str, Any], shapes: list[Convex]) -> BodyItem:
     # files of version 0.1 hold a shape for each
     shape = shapes[data["shape"]] if isinstance(data["shape"], int) else _shape_back(data["shape"])
-    return BodyItem(**{**_arrays(data), "shape": shape, "motion": _motion_back(data.get("motion"))})
+    # older files have no parts
+    own = {"shape": shape, "parts": tuple(shapes[k] for k in data.get("parts", ()))}
+    return BodyItem(**{**_arrays(data), **own, "motion": _motion_back(data.get("motion"))})
 
 
 def _surface(item: SurfaceItem) -> dict[str, Any]:

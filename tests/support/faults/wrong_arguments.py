@@ -518,7 +518,9 @@ CALLS: dict[str, Call] = {
     "Scene.add_ellipsoid": _adds("add_ellipsoid", radii=(0.1, 0.2, 0.3), mass=1.0, **_BODY),
     "Scene.add_capsule": _adds("add_capsule", radius=0.1, length=0.3, mass=1.0, **_BODY),
     "Scene.add_cylinder": _adds("add_cylinder", radius=0.1, length=0.3, mass=1.0, **_BODY),
-    "Scene.add_mesh": _adds("add_mesh", path=mesh(), mass=1.0, scale=0.1, tolerance=1e-3, convex=True, **_BODY),
+    "Scene.add_mesh": _adds(
+        "add_mesh", path=mesh(), mass=1.0, scale=0.1, tolerance=1e-3, convex=True, decompose=False, **_BODY
+    ),
     "Scene.add_spheres": _adds("add_spheres", positions=_PLACES, radius=0.1, mass=1.0, **_MANY),
     "Scene.add_boxes": _adds("add_boxes", positions=_PLACES, size=(0.1, 0.1, 0.1), mass=1.0, **_TURNING),
     "Scene.add_convex": _adds(
