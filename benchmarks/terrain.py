@@ -3,9 +3,9 @@
     python benchmarks/terrain.py             # print "Robots on terrain" of docs/benchmarks/performance.md
     python benchmarks/terrain.py --write     # and write it there
 
-The robot falls onto random stones, or onto stairs that it slides and tumbles down, e = 0, with friction. MuJoCo gets the same
-mechanism, hulls, pairs, limits, start, heights and friction, its Euler integrator, its default solver. Times are CPU
-times without the build and without the first step, the engines in turns, medians over the repeats.
+The robot falls onto random stones, or onto stairs that it slides and tumbles down, e = 0, with friction. MuJoCo gets
+the same mechanism, hulls, pairs, limits, start, heights and friction, its Euler integrator, its default solver. Times
+are CPU times without the build and without the first step, the engines in turns, medians over the repeats.
 """
 
 from __future__ import annotations

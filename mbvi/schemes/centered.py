@@ -64,6 +64,13 @@ class Centered(Scheme):
 
     def step(self, problem: Problem, t: float, q: Array, v: Array, h: float, projector: Projector) -> Step:
         """Return the state at t + h; see `Scheme`."""
+        problem.system.share_closings(True)
+        try:
+            return self._step(problem, t, q, v, h, projector)
+        finally:
+            problem.system.share_closings(False)
+
+    def _step(self, problem: Problem, t: float, q: Array, v: Array, h: float, projector: Projector) -> Step:
         system, end, half = problem.system, t + h, 0.5 * h
         nearby = NearbyRows(problem, end, linear=self.project_positions)
         ahead = self.rows_ahead(problem, nearby, q, v, h)

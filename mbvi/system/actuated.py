@@ -26,7 +26,7 @@ class Load:
 _FORCE_FREE = (
     "integrate", "difference", "metric", "chart_rate", "placements", "kinetic_energy", "potential_energy",
     "separation_rows", "point_bias", "reach", "are_lengths", "unit_groups", "located_parts",
-    "notes", "coast",
+    "notes", "coast", "share_closings",
 )  # fmt: skip
 
 

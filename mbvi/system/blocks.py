@@ -54,6 +54,10 @@ class BlockSystem(System):
         for part in self.parts:
             part.start()
 
+    def share_closings(self, shared: bool) -> None:
+        for part in self.parts:
+            part.share_closings(shared)
+
     def notes(self) -> list[str]:
         return list(dict.fromkeys(note for part in self.parts for note in part.notes()))
 

@@ -66,6 +66,9 @@ class ConnectedSystem(System):
     def __reduce__(self) -> tuple[type, tuple[Any, ...]]:
         return type(self), (self.inner, self.equalities)
 
+    def share_closings(self, shared: bool) -> None:
+        self.whole.share_closings(shared)
+
     def coupled(self) -> list[Array]:
         found = []
         for one in self.equalities:

@@ -123,6 +123,9 @@ class System:
     def start(self) -> None:
         """Prepare for a run; called when one starts."""
 
+    def share_closings(self, shared: bool) -> None:
+        """Let the next call of `integrate` that closes equalities evaluate M and J_e for those after it, or each."""
+
     def gaps(self, q: Array) -> Array:
         """Return c(q) of the equalities, of the parts where it has none itself, shape (m,) [m, rad]."""
         parts = [part for part in self.located_parts() if part.system.equalities]

@@ -385,6 +385,7 @@ CALLS = {
     "paoli_step": [(PAOLI, hopper, BOUNCY, 42), (PAOLI, quadruped, ROUGH, 70), (PAOLI, hopper, ROUGH, 41)],
     "moreau_jean_step": [(MOREAU, hopper, BOUNCY, 41), (MOREAU, quadruped, RIGID, 70), (MOREAU, hopper, ROUGH, 42)],
     "centered_step": [(DEFAULT, hopper, RIGID, 41), (DEFAULT, quadruped, ROUGH, 70), (CENTERED, hopper, MIXED, 41)],
+    "step_of_shared_closings": [(DEFAULT, hopper, RIGID, 42), (CENTERED, tied, ROUGH, 9), (DEFAULT, tied, ROUGH, 70)],
     "act": [(PAOLI, hopper, BOUNCY, 5), (DEFAULT, struck, RIGID, 5), (CENTERED, swaying, RIGID, 5)],
     "fly": [(PAOLI, hopper, BOUNCY, 5), (MOREAU, swaying, RIGID, 5), (PAOLI, quadruped, RIGID, 5)],
     "evaluate_forces": [(PAOLI, hopper, BOUNCY, 2), (MOREAU, quadruped, ROUGH, 9), (PILES, quadruped, RIGID, 5)],

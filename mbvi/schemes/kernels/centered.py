@@ -10,6 +10,7 @@ from ...projection.positions.travel import largest_bend
 from ...projection.row_speeds import row_speeds
 from ...projection.tree import advance_by, is_damped
 from ...system.free.spinning import remove_spin_effects
+from ...system.mechanisms.equalities import EACH_ITS_OWN, FIRST_FINDS
 from ...system.mechanisms.mechanism import evaluate_nonlinear_effects, glide, place, weigh
 from ...system.system import Array
 from ..positions.settle_kernel import glide_to_end, project_positions, take_velocity_of_end
@@ -120,8 +121,8 @@ def centered_forces(s: MechanismStep, t: float, q: Array, v: Array, half: float)
 
 
 @kernel("i8(MechanismStep, f8, f8[::1], f8[::1], f8)")
-def centered_step(s: MechanismStep, t: float, q: Array, v: Array, h: float) -> int:
-    """Write the state after a step of `Centered` from q, v at t; return a code."""
+def step_of_shared_closings(s: MechanismStep, t: float, q: Array, v: Array, h: float) -> int:
+    """Write what `centered_step` does."""
     scales, room, half = s.scales, s.room, 0.5 * h
     drift, end, middle, w = room.drift, room.end, room.middle, room.before
     glide(s.mechanism, q, v, h, drift, end, w)
@@ -180,4 +181,14 @@ def centered_step(s: MechanismStep, t: float, q: Array, v: Array, h: float) -> i
     code = project_positions(s, w, h, near, bounces)
     if code == DONE and not make_tangent(s, s.rows.size[0]):
         return UNSOLVED
+    return code
+
+
+@kernel("i8(MechanismStep, f8, f8[::1], f8[::1], f8)")
+def centered_step(s: MechanismStep, t: float, q: Array, v: Array, h: float) -> int:
+    """Write the state after a step of `Centered` from q, v at t, whose closings share M and J_e; return a code."""
+    shared = s.mechanism.equalities.shared
+    shared[0] = FIRST_FINDS
+    code = step_of_shared_closings(s, t, q, v, h)
+    shared[0] = EACH_ITS_OWN
     return code

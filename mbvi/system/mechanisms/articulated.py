@@ -22,7 +22,7 @@ from ..free.spinning import free_links, remove_spin_effects, spin_effects
 from ..given import not_finite
 from ..joint_forces import JointForce, add_row_forces, force_rows, spring_energy
 from ..system import Array, Kinematics, System
-from .equalities import Equality, equalities_of, write_gaps, write_rows
+from .equalities import EACH_ITS_OWN, FIRST_FINDS, Equality, equalities_of, write_gaps, write_rows
 from .joint_tree import JointTree, carriers, joint_tree, place_joints, weigh_joints, write_effects
 from .mechanism import Mechanism, close, dry_friction, mechanism
 from .memory import read_results
@@ -151,6 +151,10 @@ class ArticulatedSystem(System):
         new.setflags(False)
         self._integrated = new
         return new
+
+    def share_closings(self, shared: bool) -> None:
+        if self.equalities:
+            self._closing.equalities.shared[0] = FIRST_FINDS if shared else EACH_ITS_OWN
 
     def difference(self, q0: Array, q1: Array) -> Array:
         return pin.difference(self.model, q0, q1)

@@ -72,10 +72,13 @@ class CoupledJoints:
 
 Equality = PointRows | CoupledJoints
 
+# see `Equalities`
+EACH_ITS_OWN, FIRST_FINDS, FOUND = range(3)
+
 
 @record(
     "i8[:,::1], f8[:,::1], f8[:,::1], i8[:,::1], f8[:,::1], f8[::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[::1],"
-    " f8[::1], f8[:,::1]"
+    " f8[::1], f8[:,::1], i8[::1]"
 )
 class Equalities(NamedTuple):
     """The equalities of a mechanism as arrays, and room for one that works on them.
@@ -102,6 +105,8 @@ class Equalities(NamedTuple):
         Room for a configuration.
     found : ndarray, shape (nv, nv) or (0, 0)
         Where Pinocchio leaves M, if Pinocchio computes it.
+    shared : ndarray of int, shape (1,)
+        Whether L and R serve several closings: EACH_ITS_OWN, FIRST_FINDS them, or FOUND.
     """
 
     bodies: Array
@@ -116,6 +121,7 @@ class Equalities(NamedTuple):
     moved: Array
     place: Array
     found: Array
+    shared: Array
 
 
 def equalities_of(rows: Sequence[Equality], nq: int, nv: int, found: Array | None = None) -> Equalities:
@@ -143,6 +149,7 @@ def equalities_of(rows: Sequence[Equality], nq: int, nv: int, found: Array | Non
         np.array([(one.ratio, one.offset) for one in joints], dtype=float).reshape(-1, 2),
         np.zeros(m), np.zeros((n + m, n)), np.zeros((m, m)), np.zeros((n + m, n)),
         np.zeros(n), np.zeros(nq if m else 0), np.zeros((0, 0)) if found is None or not m else found,
+        np.zeros(1, np.int64),
     )  # fmt: skip
 
 

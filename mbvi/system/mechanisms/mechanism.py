@@ -12,7 +12,7 @@ from ...compiled import kernel, record
 from ...projection.tree_factor import DEPENDENT, factor_mass, least_change, span_equalities
 from ..free.coasting import coast
 from ..free.spinning import FreeLinks
-from .equalities import Equalities, Equality, equalities_of, write_gaps, write_rows
+from .equalities import FIRST_FINDS, FOUND, Equalities, Equality, equalities_of, write_gaps, write_rows
 from .joint_tree import JointTree, place_joints, weigh_joints, with_own_results, write_effects
 from .memory import results_in_place
 from .pinocchio_address import array_of_calls, crba, nonlinear_effects, retract
@@ -145,25 +145,28 @@ def close(mechanism: Mechanism, q: Array) -> None:
     """Move q, shape (nq,), to where the equalities hold, by the least displacements; to NaN where none is found.
 
     Newton's method in the kinetic metric: each displacement d is the least |d|_M with J_e d = -c(q). M and J_e are
-    evaluated again where the gaps have not fallen fast. The mass matrix of the mechanism stays as it was.
+    evaluated again where the gaps have not fallen fast. Of closings that share them, the first evaluates them for all.
+    The mass matrix of the mechanism stays as it was.
     """
     m, e = mechanism, mechanism.equalities
     place(m, q)
-    largest, slow, weighed = write_gaps(e, m.poses, q), True, False
+    largest, slow, weighed = write_gaps(e, m.poses, q), e.shared[0] != FOUND, False
     for _ in range(_MOST_CLOSING):
         # written so that a NaN goes on
         if largest <= _CLOSED:
             break
-        if not weighed:
-            copy_matrix(m.mass, e.kept)
-            weighed = True
         if slow:
+            if not weighed:
+                copy_matrix(m.mass, e.kept)
+                weighed = True
             weigh(m, q)
             if factor_mass(m.mass, 0.0, m.damping, m.parent, e.L):
                 break
             # rows depend on each other where the equalities hold, and nearly so nearby
             least = max(DEPENDENT, min(_NEARLY * largest, _MOST_NEARLY))
             span_equalities(m.mass, m.parent, least, e.L, e.R)
+            if e.shared[0] == FIRST_FINDS:
+                e.shared[0] = FOUND
         least_change(e.L, m.parent, e.R, e.gap, e.moved)
         before = largest
         for k in range(len(q)):
