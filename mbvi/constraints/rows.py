@@ -9,7 +9,8 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from ..compiled import kernel
-from ..system.free.sparse_rows import stack_rows, take_rows, times
+from ..projection.row_speeds import times
+from ..system.free.sparse_rows import stack_rows, take_rows
 from . import tangents as tangent_rows
 from .tangents import Tangents
 

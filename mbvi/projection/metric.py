@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from copy import copy
 from typing import Protocol
 
 import numpy as np
@@ -119,7 +118,9 @@ def whiten_full(metric: Metric, rows: csr_array) -> csr_array:
 
 def like(rows: csr_array, data: Array) -> csr_array:
     """Return a sparse matrix with the sparsity pattern of `rows` and other values."""
-    out = copy(rows)
+    out = csr_array.__new__(csr_array)
+    # what `copy` does, in a tenth of its time
+    out.__dict__.update(rows.__dict__)
     out.data = data
     return out
 

@@ -247,7 +247,7 @@ class Projector:
         found = solver.solve(qp, start)
         residual = np.inf if found is None else qp.residual(found)
         asked, stated = qp.relative_tolerance, self.acceptance.stated
-        if found is not None and qp.sparse and stated is not None and asked > OF_MECHANISMS:
+        if found is not None and qp.sparse and stated is not None and asked > OF_MECHANISMS and stated.jointed.any():
             own = np.flatnonzero(stated.of_mechanisms(J))
             if own.size:
                 found = refine(qp, found, own)
@@ -257,7 +257,8 @@ class Projector:
         if found is None or not residual <= qp.tolerance:
             raise self._failure(qp, found, residual, contacts)
         result = qp.result(found, residual)
-        self.acceptance.check(result.residual, asked, contacts, lower - J @ result.velocity, lambda: _problem(qp))
+        closing = lower - qp.speeds(result.velocity)
+        self.acceptance.check(result.residual, asked, contacts, closing, lambda: _problem(qp))
         self._last.keep(result.percussion, keys)
         return result
 

@@ -781,6 +781,32 @@ def solve_islands(rng):
     return starts, columns, G.data, missing_rates(rng, U), label, count, 1e-11, start
 
 
+def merge_repeated(rng):
+    """Rows of which some are there two or three times."""
+    U, _, _ = unit_rows(rng)
+    U = csr_array(U[rng.integers(U.shape[0], size=2 * U.shape[0])])
+    G = csr_array(U @ U.T)
+    G.sort_indices()
+    m = U.shape[0]
+    d = rng.choice([0.5, 1.0], m)
+    return G.indptr.astype(np.uint32), G.indices.astype(np.uint32), G.data, d, np.zeros(m, bool), rng.random(m)
+
+
+def solve_left(rng):
+    U, columns, starts = unit_rows(rng)
+    u, label = rng.random(U.shape[0]), np.empty(U.shape[0], np.int64)
+    return U.data, columns, starts, U.shape[1], missing_rates(rng, U), 1e-11, label, u
+
+
+def solve_working_set(rng):
+    """Few rows, or some with large islands."""
+    if rng.random() < 0.5:
+        data, columns, starts, n, d, _, label, u = solve_left(rng)
+        return data, columns, starts, n, d, rng.random(len(d)) < 0.8, 1e-11, label, u
+    data, columns, starts, n, d, label, _, _, u = sweep_islands(rng)
+    return data, columns, starts, n, d, rng.random(len(d)) < 0.95, 1e-11, label, u
+
+
 def whiten_bodies(rng):
     n, k = int(rng.integers(1, 5)), int(rng.integers(0, 9))
     lower = np.linalg.inv(np.linalg.cholesky(np.eye(6) + np.array([a @ a.T for a in rng.normal(size=(n, 6, 6))])))
@@ -1146,6 +1172,9 @@ ARGUMENTS = {
     "refine_subset": refine_subset,
     "solve_island": solve_island,
     "_solve_islands": solve_islands,
+    "merge_repeated": merge_repeated,
+    "solve_left": solve_left,
+    "solve_working_set": solve_working_set,
     "scale_percussions": scale_percussions,
     "whiten_bodies": whiten_bodies,
     "row_lengths": row_lengths,
@@ -1329,6 +1358,11 @@ def specified(name, result, arguments):
         label = arguments[4] if name == "_solve_islands" else np.zeros(len(starts) - 1, int)
         done = result if name == "refine_subset" else bool(result <= 1e-11)
         return [done, np.round(np.where(label < 0, 0.0, full @ arguments[-1]), 7)]
+    if name in ("solve_left", "solve_working_set"):
+        # the same of rows: what their percussions add up to
+        data, columns, starts, n = arguments[:4]
+        U = csr_array((data, columns, starts), shape=(len(starts) - 1, n))
+        return [arguments[-2], np.round(U.T @ arguments[-1], 7)]
     if name == "held_tangents":
         # behind the basis there is what rounding leaves of tangents that depend on it
         L, Q = arguments[-2:]

@@ -6,8 +6,9 @@ from scipy.sparse import csr_array
 
 import mbvi
 from mbvi.projection import DiagonalMetric, FreeMotion, Projector
+from mbvi.projection.row_speeds import times
 from mbvi.projection.sparse.column_blocks import touched_columns
-from mbvi.system.free.sparse_rows import stack_rows, take_rows, times
+from mbvi.system.free.sparse_rows import stack_rows, take_rows
 
 
 def sparse_rows(rng, m, n=12):

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from ..metric import Array, Metric, like
+from ..row_speeds import combine_rows, times
 from ..sparse.sparse_whitening import row_lengths
 
 # a violation below this share of the sum of its terms, |J| |x| + |lower|, is rounding
@@ -115,10 +116,14 @@ class ScaledQP:
         self.sparse = not isinstance(J, np.ndarray)
         # an array or, if sparse, a csr_array
         self.J: Any = J
-        self._speed = J @ x
+        self._speed = self.speeds(x)
         self.relative_tolerance = residual
         # kept, because solvers that check their answer compute the same slack as `residual`
         self._last_slack: tuple[Array, Array] | None = None
+
+    def speeds(self, v: Array) -> Array:
+        """Return J v, shape (m,)."""
+        return times(self.J, v) if self.sparse else self.J @ v
 
     @property
     def satisfied(self) -> bool:
@@ -131,7 +136,7 @@ class ScaledQP:
             return bool((violation <= ROUNDING * terms).all())
         J = self.J
         # no row has larger terms; where the violation exceeds their rounding, the terms need not be added up
-        most = np.diff(J.indptr).max() * np.abs(J.data).max(initial=0.0) * np.abs(self.x).max(initial=0.0)
+        most = len(self.x) * np.abs(J.data).max(initial=0.0) * np.abs(self.x).max(initial=0.0)
         if violation.max() > ROUNDING * (most + np.abs(self.lower).max()):
             return False
         sums = np.concatenate([[0.0], np.cumsum(np.abs(J.data * self.x[J.indices]))])
@@ -151,10 +156,6 @@ class ScaledQP:
             row_lengths(self._whitened.indptr.astype(np.int64), self._whitened.data, lengths)
             return lengths
         return np.sqrt(np.einsum("ij,ij->j", self._whitened, self._whitened))
-
-    @cached_property
-    def _row(self) -> Array:
-        return np.repeat(np.arange(len(self.lower)), np.diff(self._whitened.indptr))
 
     @cached_property
     def _scaled(self) -> tuple[Array, float]:
@@ -196,7 +197,12 @@ class ScaledQP:
         if not self.sparse:
             return csr_array(self.columns.T)
         W = self._whitened
-        return like(W, W.data / self.lengths[self._row])
+        return like(W, W.data / np.repeat(self.lengths, np.diff(W.indptr)))
+
+    @cached_property
+    def parts(self) -> tuple[Array, Array, Array]:
+        """The entries of sparse rows A', their columns, and where each row begins."""
+        return self.rows.data, self.rows.indices.astype(np.uint32), self.rows.indptr.astype(np.uint32)
 
     @cached_property
     def G(self) -> Array:
@@ -207,13 +213,14 @@ class ScaledQP:
         """Return A u."""
         if not self.sparse:
             return self.columns @ u
-        rows = self.rows
-        return np.bincount(rows.indices, rows.data * u[self._row], minlength=len(self.x))
+        z = np.empty(len(self.x))
+        combine_rows(*self.parts, u, z)
+        return z
 
     def slack(self, z: Array) -> Array:
         """Return A' z - d."""
         if self._last_slack is None or self._last_slack[0] is not z:
-            self._last_slack = z, (self.rows @ z if self.sparse else self.columns.T @ z) - self.d
+            self._last_slack = z, (times(self.rows, z) if self.sparse else self.columns.T @ z) - self.d
         return self._last_slack[1]
 
     def residual(self, candidate: Candidate) -> float:

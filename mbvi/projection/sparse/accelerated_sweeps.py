@@ -17,6 +17,7 @@ import numpy as np
 
 from ...compiled import kernel
 from ..metric import Array
+from ..row_speeds import combine_rows
 from .sparse_islands import _SMALL, sort_by_island
 
 # sweeps over an island at most, and twice as many where the second half lowered the change of a sweep below this share
@@ -25,17 +26,6 @@ _SWEEPS, _FALLEN = 200, 0.3
 _RATIO = 0.35
 # a factor that differs less from one is rounding
 _SCALED = 1e-12
-
-
-@kernel("void(f8[::1], u4[::1], u4[::1], f8[::1], f8[::1])")
-def combine_rows(data: Array, columns: Array, starts: Array, u: Array, z: Array) -> None:
-    """Write z = A u; A' is stored row after row; see `accelerated_sweeps`."""
-    for j in range(len(z)):
-        z[j] = 0.0
-    for a in range(len(u)):
-        if u[a] != 0.0:
-            for k in range(starts[a], starts[a + 1]):
-                z[columns[k]] += data[k] * u[a]
 
 
 @kernel("f8(f8[::1], u4[::1], u4[::1], f8[::1], f8[::1], f8[::1])")

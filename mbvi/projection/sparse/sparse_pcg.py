@@ -13,12 +13,9 @@ from ..dense.fused_step import MOST_FUSED, FusedStep
 from ..dense.scaled_qp import Candidate, ScaledQP, WarmStart
 from ..metric import Array, DiagonalMetric
 from ..warm_start import LastPercussions
-from .accelerated_sweeps import sweep_islands
-from .gram import gram, islands
-from .sparse_islands import _SMALL, _solve_islands
+from .sparse_islands import _SMALL
+from .working_set import solve_working_set
 
-# two unit rows with a product above this are equal
-_SAME = 1.0 - 1e-13
 # islands are solved to this share of the tolerance: the check uses products with A, which round unlike those with G
 _MARGIN = 0.9
 # residual that small islands are solved to, relative to the largest speed
@@ -29,8 +26,6 @@ _MOST_DENSE = 400
 _MOST_ENLARGED = 10
 # how often all rows are solved again after some were refined, and to which part of the residual before
 _ROUNDS, _FINER = 8, 0.3
-# room for entries of the Delassus matrix at first, for each row
-_ROOM = 128
 # size of the working set relative to the violated and active rows; a set of at least this share of all rows is enlarged
 # to all
 _WORKING, _ALL = 1.5, 0.5
@@ -96,38 +91,8 @@ def _working_set(d: Array, u: Array) -> Array:
 
 def _solve_working_set(qp: ScaledQP, working: Array, u: Array) -> Array:
     """Solve for the working set; return the island of each row, -1 of others and of rows that repeat another."""
-    here, rows = np.flatnonzero(working), qp.rows
-    part = _chosen(rows.data, rows.indices.astype(np.uint32), rows.indptr.astype(np.uint32), working)
-    n, d, percussion, within = len(qp.x), qp.d[here], u[here], np.empty(len(here), np.int64)
-    label, target = np.full(len(qp.d), -1), _MARGIN * qp.tolerance
-    count = islands(*part[1:], n, np.ones(len(here), bool), within)
-    reached = np.empty(count, bool)
-    sweep_islands(*part, n, d, within, target, reached, percussion)
-    left = ~reached[within]
-    if left.any():
-        theirs = percussion[left]
-        again = _solve_left(*_chosen(*part, left), n, d[left], target, theirs)
-        percussion[left], within[left] = theirs, np.where(again < 0, -1, count + again)
-    u[:] = 0.0
-    u[here], label[here] = percussion, within
-    return label
-
-
-def _chosen(data: Array, columns: Array, starts: Array, chosen: Array) -> tuple[Array, Array, Array]:
-    """Return the chosen ones of sparse rows."""
-    if chosen.all():
-        return data, columns, starts
-    sizes = np.diff(starts)
-    entries = np.repeat(chosen, sizes)
-    return data[entries], columns[entries], np.concatenate([[0], np.cumsum(sizes[chosen])]).astype(np.uint32)
-
-
-def _solve_left(data: Array, columns: Array, starts: Array, n: int, d: Array, target: float, u: Array) -> Array:
-    """Solve the islands that sweeps did not by their Delassus matrix, from u; return labels as `islands` does."""
-    rows, others, G = _gram(data, columns, starts, n)
-    kept, label = ~_merge_repeated(rows, others, G, d, u), np.empty(len(d), np.int64)
-    count = islands(columns, starts, n, kept, label)
-    _solve_islands(rows, others, G, d, label, count, target, u)
+    label = np.empty(len(qp.d), np.int64)
+    solve_working_set(*qp.parts, len(qp.x), qp.d, working, _MARGIN * qp.tolerance, label, u)
     return label
 
 
@@ -190,32 +155,3 @@ def _solve_densely(qp: ScaledQP, rows: Array, u: Array) -> None:
     # otherwise the island keeps its percussions, and the residual of the whole problem decides
     if found is not None and island.residual(found) <= island.tolerance:
         u[rows] = island.result(found, 0.0).percussion
-
-
-def _gram(data: Array, columns: Array, starts: Array, n: int) -> tuple[Array, Array, Array]:
-    """Return the Delassus matrix row after row: starts, columns, values."""
-    m = len(starts) - 1
-    rows, room = np.empty(m + 1, np.uint32), min(m, _ROOM) * m
-    while True:
-        # pages that are never written to use no memory
-        others, G = np.empty(room, np.uint32), np.empty(room)
-        count = gram(data, columns, starts, n, rows, others, G)
-        if count <= room:
-            return rows, others[:count], G[:count]
-        room = count
-
-
-def _merge_repeated(starts: Array, columns: Array, G: Array, d: Array, u: Array) -> Array:
-    """Return a mask of the rows that equal another row with a d as large or larger, which gets their u, shape (m,)."""
-    repeated, same = np.zeros(len(d), bool), np.flatnonzero(G >= _SAME)
-    if len(same) == len(d):
-        # these are the diagonal entries: no row equals another
-        return repeated
-    a, b = np.searchsorted(starts, same, "right") - 1, columns[same].astype(np.int64)
-    other = a != b
-    a, b = a[other], b[other]
-    repeated[a[(d[b] > d[a]) | ((d[b] == d[a]) & (b < a))]] = True
-    moved = repeated[a] & ~repeated[b]
-    np.add.at(u, b[moved], u[a[moved]])
-    u[repeated] = 0.0
-    return repeated

@@ -15,8 +15,8 @@ from ...problem import Problem
 from ...projection import Metric, Projector
 from ...projection.positions.held_rows import FARTHEST, HARDLY
 from ...projection.positions.travel import MOST_LINEARISATIONS, NEARBY
+from ...projection.row_speeds import times
 from ...system import independent_parts
-from ...system.free.sparse_rows import times
 from ...system.system import Array
 from .nearby_rows import NearbyRows
 

@@ -7,7 +7,7 @@ import numpy as np
 from ...constraints import Rows
 from ...constraints.rows import take
 from ...problem import Problem
-from ...system.free.sparse_rows import times
+from ...projection.row_speeds import times
 from ...system.system import Array
 
 # second-order part of a gap that is left out, in lengths of the scene

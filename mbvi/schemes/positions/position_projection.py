@@ -10,7 +10,7 @@ from ...errors import ProjectionError
 from ...problem import Problem
 from ...projection import Projector
 from ...projection.positions.travel import MOST_LINEARISATIONS
-from ...system.free.sparse_rows import times
+from ...projection.row_speeds import times
 from ...system.system import Array
 from ..row_projection import project_rows, slip_rates
 from ..step import Step, advance_gaps, closing_speeds

@@ -15,9 +15,10 @@ from scipy.sparse import block_diag, csr_array
 
 from ...compiled import plain_array
 from ...projection import DiagonalMetric
+from ...projection.row_speeds import times
 from ..system import Array, System
 from .bodies import FreeBodies, Spheres
-from .sparse_rows import MOST_DENSE, rows_of_two, times
+from .sparse_rows import MOST_DENSE, rows_of_two
 from .turning import planar_separation_rows
 
 

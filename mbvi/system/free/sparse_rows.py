@@ -8,7 +8,6 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from ...compiled import kernel, plain_array
-from ...projection.row_speeds import row_speeds
 from ...projection.sparse.column_blocks import compose
 
 Array = np.ndarray
@@ -120,32 +119,6 @@ def stack_rows(parts: list[Array | csr_array]) -> Array | csr_array:
         np.concatenate(starts, dtype=np.int32),
         (sum(part.shape[0] for part in rows), rows[0].shape[1]),
     )
-
-
-def times(rows: Array | csr_array, v: Array) -> Array:
-    """Return the product of rows with a vector; of few sparse rows in a tenth of the time of scipy's operator.
-
-    The terms of full rows are added up in their order, as in steps that are kernels: the order of BLAS depends on the
-    machine.
-    """
-    product = np.empty(rows.shape[0])
-    if isinstance(rows, np.ndarray):
-        row_speeds(plain_array(rows), plain_array(v), 1.0, product)
-        return product
-    if rows.indices.dtype != np.int32:
-        return np.asarray(rows @ v)
-    row_products(rows.data, rows.indices.view(np.uint32), rows.indptr.view(np.uint32), plain_array(v), product)
-    return product
-
-
-@kernel("void(f8[::1], u4[::1], u4[::1], f8[::1], f8[::1])")
-def row_products(data: Array, columns: Array, starts: Array, v: Array, product: Array) -> None:
-    """Write the product of each sparse row with v, shape (m,)."""
-    for row in range(len(product)):
-        total = 0.0
-        for k in range(starts[row], starts[row + 1]):
-            total += data[k] * v[columns[k]]
-        product[row] = total
 
 
 def take_rows(rows: Array | csr_array, index: Array) -> Array | csr_array:
