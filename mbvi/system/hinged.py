@@ -11,7 +11,7 @@ import numpy as np
 from ..arguments import returned
 from ..errors import InputError
 from ..projection import FreeMotion, TreeFreeMotion, in_flight
-from ..projection.damped_rows import damped_velocity, moving_rows
+from ..projection.damped_rows import damped_velocity, damping_saved, moving_rows
 from .connected import ConnectedSystem
 from .given import not_finite
 from .mechanisms.articulated import Control
@@ -151,13 +151,20 @@ class HingedSystem(ConnectedSystem):
         """Return the free motion with the damping of the hinges, and the metric with their dry friction."""
         hinges, metric, rows = self.hinges, self.metric(q), self.hinge_gradients(q)
         free, damped = motion.free, np.flatnonzero(hinges.damping)
-        if damped.size:
-            _, damping, _, v, _, torque, effects, twice = motion.kernel_arguments
-            joints = np.flatnonzero(damping)
+        _, damping, _, v, _, torque, effects, twice = motion.kernel_arguments
+        joints = np.flatnonzero(damping)
+        if damped.size or (joints.size and hinges.friction.any()):
             columns = np.zeros((self.nv, len(joints)))
             columns[joints, np.arange(len(joints))] = np.sqrt(damping[joints])
             columns = np.hstack([columns, np.sqrt(hinges.damping[damped]) * rows[damped].T])
-            free = damped_velocity(metric, columns, v, h, torque - effects, twice)
+            force = torque - effects
+            if twice and self.has_joint_friction:
+                # what joints save among themselves is in the torque
+                own = self.whole.friction * np.sign(v)
+                about = own + (hinges.friction * np.sign(rows @ v)) @ rows
+                force = force + damping_saved(metric, columns, about, h)
+                force = force - damping_saved(metric, columns[:, : len(joints)], own, h)
+            free = damped_velocity(metric, columns, v, h, force, twice)
         if self.has_joint_friction:
             rough = np.flatnonzero(hinges.friction)
             # a hinge that other equalities hold does not turn

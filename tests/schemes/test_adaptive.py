@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 import mbvi
@@ -218,6 +219,59 @@ def test_two_robots_with_friction_land_as_at_a_tighter_tolerance():
     assert len(fine.impacts) > 0
     assert np.abs(problem.system.difference(run.q[-1], fine.q[-1])).max() <= 1e-3
     assert sum(steps_of(run)[:2]) < 120
+
+
+# friction over weight, damping, and the start
+PENDULA = [
+    (0.1, 0.0, 2.0, 0.0),
+    (0.3, 0.02, -2.2, 1.0),
+    (0.05, 0.02, 0.4, -3.0),
+    (0.55, 0.0, 1.3, 2.0),
+    (0.2, 0.3, 2.4, 0.0),
+]
+
+
+@pytest.mark.parametrize("case", PENDULA, ids=str)
+def test_a_pendulum_whose_joint_has_dry_friction_reverses_and_stops_in_time(case, tmp_path):
+    """Against pieces of Runge-Kutta between zeros of the speed: the true error keeps to the tolerance."""
+    share, d, q0, v0 = case
+    mass, length = 1.2, 0.3
+    weight, inertia = 9.81 * mass * length, mass * length**2 * (1.0 + 1.0 / 12.0)
+    own = mass * length**2 / 12.0
+    (tmp_path / "arm.urdf").write_text(
+        f'<robot name="arm"><link name="base"/><link name="l"><inertial><origin xyz="0 0 {-length}"/>'
+        f'<mass value="{mass}"/><inertia ixx="{own}" iyy="{own}" izz="{own}" ixy="0" ixz="0" iyz="0"/></inertial>'
+        "</link>"
+        '<joint name="j" type="revolute"><limit lower="-9" upper="9" effort="1" velocity="1"/><parent link="base"/>'
+        f'<child link="l"/><axis xyz="0 1 0"/><dynamics damping="{d}" friction="{share * weight}"/></joint></robot>'
+    )
+    scene = mbvi.Scene()
+    scene.add_urdf(tmp_path / "arm.urdf", "fixed", joints={"j": q0}, velocity={"j": v0}, joint_friction=True)
+    problem, times = scene.build(), np.linspace(0.0, 2.0, 81)
+    exact, t, state = np.zeros((81, 2)), 0.0, np.array([q0, v0])
+    way = np.sign(v0) or -np.sign(q0)
+    while t < 2.0 and way:
+
+        def rate(_, y, way=way):
+            return [y[1], (-weight * np.sin(y[0]) - share * weight * way - d * y[1]) / inertia]
+
+        def speed(_, y):
+            return y[1]
+
+        speed.terminal, speed.direction = True, -way
+        part = solve_ivp(rate, (t, 2.0), state, "DOP853", rtol=1e-12, atol=1e-13, events=speed, dense_output=True)
+        here = (times >= t) & (times <= part.t[-1])
+        exact[here], t, state = part.sol(times[here]).T, part.t[-1], np.array([part.y[0, -1], 0.0])
+        pull = -weight * np.sin(state[0])
+        way = np.sign(pull) if abs(pull) > share * weight else 0.0
+        # beyond the zero at which it begins
+        state[1] = 1e-13 * way
+    if not way:
+        exact[times > t] = state[0], 0.0
+    for tolerance in (1e-2, 1e-3, 1e-4, 1e-5):
+        q, v = mbvi.simulate(problem, mbvi.Adaptive(tolerance), duration=2.0, progress=False).at(times)[:2]
+        assert np.abs(q[:, 0] - exact[:, 0]).max() < 3.0 * tolerance
+        assert np.abs(v[:, 0] - exact[:, 1]).max() < 3.0 * tolerance * max(1.0, np.abs(exact[:, 1]).max())
 
 
 def test_a_four_bar_linkage_strikes_as_located_at_order_eight():

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 import mbvi
-from mbvi.projection import Projector, in_flight
+from mbvi.projection import Projector, TreeMetric, in_flight
+from mbvi.projection.damped_rows import damping_saved
+from mbvi.projection.tree import add_damping_saved
 from support.paths import REAL_ROBOTS, ROBOTS
 
 SCHEMES = [
@@ -15,6 +17,7 @@ SCHEMES = [
 every_scheme = pytest.mark.parametrize(
     "scheme", SCHEMES, ids=["paoli", "moreau_jean", "centered", "projecting", "piles"]
 )
+LIMIT = '<limit lower="-100" upper="100" effort="1" velocity="1"/>'
 LINK = '<inertial><mass value="{}"/><inertia ixx=".02" iyy=".02" izz=".02" ixy="0" ixz="0" iyz="0"/></inertial>'
 
 
@@ -53,7 +56,7 @@ def arm(folder, e=0.0, mu=0.0, floor=None, damping=0.0, friction=(0.6, 0.2, 0.1)
 
 def slider(folder, friction, speed=0.0, others="", gravity=(0, 0, 0), e=0.0):
     scene = mbvi.Scene(gravity=gravity, restitution=e)
-    limit = others or '<limit lower="-100" upper="100" effort="1" velocity="1"/>'
+    limit = others or LIMIT
     path = chain(folder, [("prismatic", "1 0 0", dynamics(friction) + limit)], masses=(2.0,))
     scene.add_urdf(path, "fixed", velocity={"joint 0": speed}, joint_friction=True)
     return scene.build()
@@ -355,3 +358,43 @@ def test_published_robots_fall_with_the_friction_of_their_files(name, scheme):
     run = mbvi.simulate(scene.build(), scheme, step=1e-3, duration=0.8, progress=False)
     assert run.impacts
     assert (run.v[-1, 6:] == 0.0).any()
+
+
+@pytest.mark.parametrize(
+    "scheme", [mbvi.Centered(), mbvi.Centered(project_positions=True)], ids=["plain", "projecting"]
+)
+def test_damping_and_dry_friction_together_are_of_order_two(tmp_path, scheme):
+    """Of a slider, m dv/dt = -c - d v, as long as it slides."""
+    c, d, m, speed, end = 1.5, 4.0, 2.0, 3.0, 0.5
+    path = chain(tmp_path, [("prismatic", "1 0 0", dynamics(c, d) + LIMIT)], masses=(m,))
+    scene = mbvi.Scene(gravity=(0, 0, 0))
+    scene.add_urdf(path, "fixed", velocity={"joint 0": speed}, joint_friction=True)
+    problem = scene.build()
+    exact = (speed + c / d) * np.exp(-d * end / m) - c / d
+    off = [abs(mbvi.simulate(problem, scheme, step=h, duration=end, progress=False).v[-1, 0] - exact)
+           for h in (0.02, 0.01, 0.005)]  # fmt: skip
+    assert off[-1] < 1e-4 and all(3.8 < a / b < 4.2 for a, b in pairwise(off)), off
+
+
+@pytest.mark.parametrize("damping", [1e2, 1e5])
+def test_dry_friction_beside_stiff_damping_stops_a_slider_and_drives_none(tmp_path, damping):
+    path = chain(tmp_path, [("prismatic", "1 0 0", dynamics(1.5, damping) + LIMIT)], masses=(2.0,))
+    scene = mbvi.Scene(gravity=(0, 0, 0))
+    scene.add_urdf(path, "fixed", velocity={"joint 0": 3.0}, joint_friction=True)
+    run = mbvi.simulate(scene.build(), mbvi.Centered(), step=0.02, duration=0.4, progress=False)
+    assert (run.v[:, 0] >= 0.0).all() and (np.diff(run.v[:, 0]) <= 0.0).all() and run.v[-1, 0] == 0.0
+
+
+def test_what_damping_saves_is_that_of_plain_numpy(rng):
+    """Along joints, and along any rows."""
+    n, h = 5, 0.03
+    B = rng.normal(size=(n, n))
+    M, D = B @ B.T + np.eye(n), rng.random(n) * (rng.random(n) < 0.7)
+    friction, v = rng.random(n), rng.normal(size=n) * (rng.random(n) < 0.8)
+    about = friction * np.sign(v)
+    expected = 0.5 * h * np.diag(D) @ np.linalg.solve(M + 0.5 * h * np.diag(D), about)
+    parent, torque = np.arange(n) - 1, np.zeros(n)
+    add_damping_saved(M, D, parent, friction, v, h, np.zeros((n, n)), np.zeros(n), torque)
+    np.testing.assert_allclose(torque, expected, rtol=1e-12, atol=1e-15)
+    along = damping_saved(TreeMetric(M, parent), np.diag(np.sqrt(D)), about, h)
+    np.testing.assert_allclose(along, expected, rtol=1e-12, atol=1e-15)

@@ -131,6 +131,15 @@ def remove_four(rng):
     return Q, int(rng.integers(len(Q) - 3)), rng.normal(size=8)
 
 
+def add_damping_saved(rng):
+    """Of a mechanism that is damped or not, some of whose joints stand still."""
+    system, L = factor_of(rng)
+    n = system.nv
+    damping, v = system.damping * rng.choice([0.0, 1.0]), rng.normal(size=n) * (rng.random(n) < 0.7)
+    room = np.zeros(L.shape), np.full(n, np.nan)
+    return np.array(system._mass), damping, system._parent, rng.random(n), v, 0.01, *room, rng.normal(size=n)
+
+
 def factor_again(rng):
     """Of a mechanism with another factor, which is damped or not."""
     system, L = factor_of(rng)
@@ -1210,6 +1219,7 @@ ARGUMENTS = {
     "remove_four": remove_four,
     "remove_one": remove_four,
     "factor_again": factor_again,
+    "add_damping_saved": add_damping_saved,
     "solve": solve,
     "advance_by": advance_by,
     "is_damped": is_damped,

@@ -18,7 +18,7 @@ from .measure import Measure
 Array = np.ndarray
 
 # what both halves of a step may hide of a change of force within it, relative to the speed that it leads to
-_HIDDEN = 1.0 / 16.0
+HIDDEN = 1.0 / 16.0
 
 
 class Doubled(NamedTuple):
@@ -111,7 +111,7 @@ def hidden(problem: Problem, step: Step, resting: Rows, slides: Array, still: fl
         excess = _excess(step, slid & (slow > still) & (fast <= still))
         turns = (after * before).sum(axis=1) < 0.0
         reverses = bool((turns & (step.percussion > 0.0) & (np.minimum(fast, slow) > still)).any())
-    return max(_HIDDEN * float(opening.max(initial=0.0)), excess), reverses
+    return max(HIDDEN * float(opening.max(initial=0.0)), excess), reverses
 
 
 def _excess(step: Step, stops: Array) -> float:

@@ -19,8 +19,9 @@ from ..step import NO_RATES, Step, law
 from .closed import Near, near_rows, returned
 from .doubling import Doubled, doubled, held
 from .holding import HoldingCentered
+from .joints import JointSlips
 from .judgement import Verdict, closed_again, judged
-from .landing import landing_time, missed_time, stop_time
+from .landing import acceleration_at, landing_time, missed_time, stop_time
 from .measure import Measure
 
 # the first step, and the longest [s]
@@ -193,6 +194,8 @@ class AdaptiveIntegrator:
         problem, measure, projector = self._problem, self._measure, self._projector
         t, q, v, speed = self.t, self.q, self.v, self._measure.size(self.v)
         self._scheme.resting = near.resting
+        rough = problem.system.has_joint_friction
+        slips = JointSlips(problem, measure, t, q, v, _FIRST) if rough else None
         wanted, cuts, cut, growth = self._h, 0, False, _GROWTH
         floor = measure.shortest(speed) * _LONGER ** min(self._short, 60)
         while True:
@@ -214,7 +217,7 @@ class AdaptiveIntegrator:
                 self.counts.rejected, wanted, cut = self.counts.rejected + 1, 0.25 * h, False
                 projector.forget()
                 continue
-            verdict = self._judged(found, near, h, speed)
+            verdict = self._judged(found, near, slips, h, speed)
             keeps = verdict.sound and verdict.error <= measure.step
             if shortest:
                 break
@@ -226,7 +229,7 @@ class AdaptiveIntegrator:
                 # the next step ends within the overlap, where it is seen
                 wanted, cut, growth = min(missed, 0.9 * h), False, 1.0
                 continue
-            time = self._event(verdict, near, h) if cuts < len(_CUTS) else None
+            time = self._event(verdict, near, slips, h) if cuts < len(_CUTS) else None
             cut = time is not None
             if time is not None:
                 wanted, cuts = min(time, h) * _CUTS[cuts], cuts + 1
@@ -245,7 +248,7 @@ class AdaptiveIntegrator:
         self._hunts = cut and self._lands_soon
         return Stride(t, q, v, found.first, new)
 
-    def _event(self, verdict: Verdict, near: Near, h: float) -> float | None:
+    def _event(self, verdict: Verdict, near: Near, slips: JointSlips | None, h: float) -> float | None:
         """Return the time to the landing or the stop of sliding within a step that was not accepted, None without."""
         problem, measure, t, q, v = self._problem, self._measure, self.t, self.q, self.v
         self._lands_soon = False
@@ -254,10 +257,10 @@ class AdaptiveIntegrator:
             self._lands_soon = time is not None
             if time is not None:
                 return time
-        least = measure.slides(measure.size(v))
-        return stop_time(problem, t, q, v, near.resting, least, h, self._projector)
+        least = measure.slides(measure.size(v)) / problem.length
+        return stop_time(problem, t, q, v, near.resting, slips, least, h, self._projector)
 
-    def _judged(self, found: Doubled, near: Near, h: float, speed: float) -> Verdict:
+    def _judged(self, found: Doubled, near: Near, slips: JointSlips | None, h: float, speed: float) -> Verdict:
         """Return what is known of a step of length h; raise `DivergedError` where velocities grow without bound."""
         second = found.second
         # written so that a NaN raises too
@@ -269,7 +272,14 @@ class AdaptiveIntegrator:
         before = Step(self.t, self.q, self.v, self._problem.constraints.empty, NO_RATES, 0.0)
         if self._passed(before, second, h) < 1.0:
             return Verdict(second._replace(t=self.t + h), 0.0, 1.0, True, False)
-        return judged(self._problem, self._measure, found, near.resting, self.v, self.t + h, speed, self._order)
+        problem, measure, least = self._problem, self._measure, self._measure.slides(speed) / self._problem.length
+        verdict = judged(problem, measure, found, near.resting, self.v, self.t + h, speed, self._order)
+        if slips is None or not slips.change(found, least):
+            return verdict
+        acceleration = acceleration_at(problem, self.t, self.q, self.v, near.resting, h, self._projector)
+        error, turns = slips.hidden(found, acceleration, h, least)
+        error = max(verdict.error, error / max(1.0, speed))
+        return verdict._replace(error=error, sound=verdict.sound and not turns)
 
     def _factor(self, verdict: Verdict, most: float) -> float:
         """Return by how much the next step is longer than the last one tried."""

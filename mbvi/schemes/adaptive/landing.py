@@ -10,9 +10,10 @@ from ...constraints import Rows
 from ...constraints.rows import match_contacts, take
 from ...errors import ProjectionError
 from ...problem import Problem
-from ...projection import Projector
+from ...projection import Projector, in_flight
 from ...system.system import Array
 from ..step import Step, law
+from .joints import JointSlips
 from .measure import Measure
 
 # part of a step over which the acceleration is taken
@@ -30,7 +31,7 @@ def landing_time(
 
     Prediction with the present acceleration, in which resting contacts bear load.
     """
-    acceleration = _acceleration(problem, t, q, v, resting, _SHORT * h, projector)
+    acceleration = acceleration_at(problem, t, q, v, resting, h, projector)
     system, constraints = problem.system, problem.constraints
 
     def lowest(x: float) -> float:
@@ -93,21 +94,31 @@ def _deepest(
 
 
 def stop_time(
-    problem: Problem, t: float, q: Array, v: Array, resting: Rows, least: float, h: float, projector: Projector
-) -> float | None:
-    """Return the time until a resting contact stops to slide, below h [s]; None if none does.
+    problem: Problem, t: float, q: Array, v: Array, resting: Rows, slips: JointSlips | None, least: float, h: float,
+    projector: Projector,
+) -> float | None:  # fmt: skip
+    """Return the time until a resting contact or a joint stops to slide, below h [s]; None if none does.
 
-    Contacts that slide by less than `least` [m/s] are left out.
+    What slides by less than `least`, relative to the length of the scene [1/s], is left out.
     """
-    if resting.tangents is None or not len(resting.gap):
+    rough = resting.tangents is not None and len(resting.gap) > 0
+    if not rough and slips is None:
         return None
-    acceleration = _acceleration(problem, t, q, v, resting, _SHORT * h, projector)
+    acceleration = acceleration_at(problem, t, q, v, resting, h, projector)
+    time = np.inf if slips is None else slips.stop_time(acceleration, least)
+    if rough:
+        time = min(time, _stop_time_of_contacts(resting, v, acceleration, least * problem.length))
+    return time if time < h else None
+
+
+def _stop_time_of_contacts(resting: Rows, v: Array, acceleration: Array, least: float) -> float:
+    """Return the time until a contact stops to slide that slides faster than `least` [m/s]; inf if none does."""
+    assert resting.tangents is not None
     slip, still = resting.tangents.slip(v)[:, :2], resting.tangents.slip(np.zeros(len(v)))[:, :2]
     change = resting.tangents.slip(acceleration)[:, :2] - still
     falls, square = -(slip * change).sum(axis=1), (change * change).sum(axis=1)
     some = (falls > 0.0) & ((slip * slip).sum(axis=1) > least * least) & (resting.tangents.friction > 0.0)
-    time = float((falls[some] / square[some]).min(initial=np.inf))
-    return time if time < h else None
+    return float((falls[some] / square[some]).min(initial=np.inf))
 
 
 def _root(lowest: Callable[[float], float], end: float, below: float, enough: float) -> float:
@@ -127,12 +138,13 @@ def _root(lowest: Callable[[float], float], end: float, below: float, enough: fl
     return x
 
 
-def _acceleration(
-    problem: Problem, t: float, q: Array, v: Array, resting: Rows, short: float, projector: Projector
+def acceleration_at(
+    problem: Problem, t: float, q: Array, v: Array, resting: Rows, h: float, projector: Projector
 ) -> Array:
-    """Return the mean acceleration over a short time, with the forces of resting contacts, shape (nv,)."""
+    """Return the mean acceleration over a small part of a time h [s], with resting contacts and dry friction."""
+    short = _SHORT * h
     motion = problem.system.free_motion(t, q, v, short)
-    w = motion.free
+    w = in_flight(motion)
     if len(resting.gap):
         try:
             w = law(projector, v, motion, resting._replace(restitution=np.zeros(len(resting.gap)))).velocity

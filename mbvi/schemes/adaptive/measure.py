@@ -67,5 +67,9 @@ class Measure:
         """Return the step below which every step is accepted at a largest speed [s]."""
         return _SHORTEST * self._tolerance / max(1.0, speed)
 
+    def joint_units(self, rows: Array) -> Array:
+        """Return the unit of the speed of each joint, which is its row times v, shape (d,): 1 rad/s of hinges."""
+        return np.where((rows != 0.0).sum(axis=1) == 1, np.abs(rows) @ self._units, 1.0)
+
     def _row_units(self, number: Array) -> Array:
         return np.ones(len(number)) * self._length / self._constraints.levers(number)

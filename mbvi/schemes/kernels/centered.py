@@ -8,7 +8,7 @@ from ...constraints.mechanism.tables import FOUND, RowBuffer, copy_row
 from ...constraints.rows import mutual_nearest
 from ...projection.positions.travel import largest_bend
 from ...projection.row_speeds import row_speeds
-from ...projection.tree import advance_by, is_damped
+from ...projection.tree import add_damping_saved, advance_by, is_damped
 from ...system.free.spinning import remove_spin_effects
 from ...system.mechanisms.equalities import EACH_ITS_OWN, FIRST_FINDS
 from ...system.mechanisms.mechanism import evaluate_nonlinear_effects, glide, place, weigh
@@ -98,6 +98,9 @@ def centered_forces(s: MechanismStep, t: float, q: Array, v: Array, half: float)
     """
     m, room, late, w = s.mechanism, s.room, s.scales.late, s.room.force_velocity
     room.known[0] = 0
+    for k in range(len(v)):
+        # a control writes those of its part only, and friction adds to all
+        room.torque[k] = 0.0
     act(s, t, q, v)
     weigh(s.mechanism, q)
     evaluate_pushing_effects(s, q, v)
@@ -118,6 +121,9 @@ def centered_forces(s: MechanismStep, t: float, q: Array, v: Array, half: float)
         if s.scales.loaded:
             act(s, t, q, w)
         evaluate_pushing_effects(s, q, w)
+    add_damping_saved(
+        m.mass, m.damping, m.parent, m.friction, v, 2.0 * half, room.L, room.changes[0], room.torque
+    )  # fmt: skip
 
 
 @kernel("i8(MechanismStep, f8, f8[::1], f8[::1], f8)")

@@ -14,6 +14,7 @@ from ...arguments import all_finite, returned
 from ...compiled import held, plain_array
 from ...errors import InputError, ProjectionError
 from ...projection import TreeFreeMotion, TreeMetric, in_flight
+from ...projection.tree import add_damping_saved
 from ...projection.tree_factor import least_change
 from ..actuators import Actuators, DrivenActuators
 from ..controls import LoopControl
@@ -309,8 +310,14 @@ class ArticulatedSystem(System):
         elif self._spins:
             remove_spin_effects(self._free, plain_array(at), effects)
         # a later evaluation at another q overwrites Pinocchio's mass matrix
+        mass = self._mass.copy()
+        if twice and self._damped and self.has_joint_friction:
+            torque = np.array(torque)
+            add_damping_saved(
+                mass, self.damping, self._parent, self.friction, v, h, np.empty(mass.shape), np.empty(self.nv), torque
+            )
         return TreeFreeMotion(
-            self._mass.copy(), self.damping, self._parent, v, h, torque, effects, twice,
+            mass, self.damping, self._parent, v, h, torque, effects, twice,
             self.friction if self.has_joint_friction else None,
         )  # fmt: skip
 
