@@ -54,16 +54,3 @@ def damped_velocity(metric: TreeMetric, columns: Array, v: Array, h: float, forc
         change = change - damped(time * (G @ (G.T @ change)))
     # of the part of v that breaks the equalities the mean over the step is zero
     return np.asarray(2.0 * tangent - v + metric.unwhiten(total))
-
-
-def damping_saved(metric: TreeMetric, columns: Array, friction: Array, h: float) -> Array:
-    """Return what damping saves within a step because dry friction slows it, shape (nv,); see `add_damping_saved`.
-
-    `friction`, shape (nv,), is the largest torque of dry friction along the velocity. The other arguments are those of
-    `damped_velocity`.
-    """
-    if not columns.shape[1] or not friction.any():
-        return np.zeros(len(friction))
-    G = metric.whiten(columns)
-    small = np.eye(G.shape[1]) + 0.5 * h * (G.T @ G)
-    return np.asarray(0.5 * h * (columns @ np.linalg.solve(small, G.T @ metric.whiten(friction))))

@@ -31,7 +31,7 @@ class Centered(Scheme):
     velocities that v_i and v_{i+1} are in the middle, and both momenta in the world change by what acts there.
     Joint damping D takes part in the free velocity, which is the same in flight and in contact: with the other forces F
     and E(w) = w + (M + h D / 2)^-1 h (F - D w) / 2 it is x = 2 E^3(v_i) - E^4(v_i), without damping v_i + h M^-1 F.
-    With dry friction c of joints, F has D (M + h D / 2)^-1 h c sign(v_i) / 2 besides, which damping saves by it.
+    Dry friction of joints changes the damping of each by the ratio of its speeds E(v_i) with and without that friction.
 
     Parameters
     ----------

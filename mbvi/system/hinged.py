@@ -11,7 +11,8 @@ import numpy as np
 from ..arguments import returned
 from ..errors import InputError
 from ..projection import FreeMotion, TreeFreeMotion, in_flight
-from ..projection.damped_rows import damped_velocity, damping_saved, moving_rows
+from ..projection.damped_rows import damped_velocity, moving_rows
+from ..projection.tree import damp_slowed
 from .connected import ConnectedSystem
 from .given import not_finite
 from .mechanisms.articulated import Control
@@ -145,26 +146,29 @@ class HingedSystem(ConnectedSystem):
         return self._with_hinges(self._driven(t, q, v).free_motion(t, q, v, h), q, h)
 
     def centered_motion(self, t: float, q: Array, v: Array, h: float, at: Array) -> FreeMotion:
-        return self._with_hinges(self._driven(t, q, at).centered_motion(t, q, v, h, at), q, h)
+        slowed = None
+        if self.has_joint_friction and self.velocity_dependent:
+            pushed = self._driven(t, q, v).pushed_motion(t, q, v, 0.5 * h)
+            slowed = self._with_hinges(pushed, q, 0.5 * h).free, at
+        return self._with_hinges(self._driven(t, q, at).centered_motion(t, q, v, h, at), q, h, slowed)
 
-    def _with_hinges(self, motion: TreeFreeMotion, q: Array, h: float) -> FreeMotion:
-        """Return the free motion with the damping of the hinges, and the metric with their dry friction."""
+    def _with_hinges(
+        self, motion: TreeFreeMotion, q: Array, h: float, slowed: tuple[Array, Array] | None = None
+    ) -> FreeMotion:
+        """Return the free motion with the damping of the hinges, and the metric with their dry friction.
+
+        `slowed` has the velocities without and with dry friction in the middle of the step; see `damp_slowed`.
+        """
         hinges, metric, rows = self.hinges, self.metric(q), self.hinge_gradients(q)
         free, damped = motion.free, np.flatnonzero(hinges.damping)
-        _, damping, _, v, _, torque, effects, twice = motion.kernel_arguments
-        joints = np.flatnonzero(damping)
-        if damped.size or (joints.size and hinges.friction.any()):
-            columns = np.zeros((self.nv, len(joints)))
-            columns[joints, np.arange(len(joints))] = np.sqrt(damping[joints])
-            columns = np.hstack([columns, np.sqrt(hinges.damping[damped]) * rows[damped].T])
-            force = torque - effects
-            if twice and self.has_joint_friction:
-                # what joints save among themselves is in the torque
-                own = self.whole.friction * np.sign(v)
-                about = own + (hinges.friction * np.sign(rows @ v)) @ rows
-                force = force + damping_saved(metric, columns, about, h)
-                force = force - damping_saved(metric, columns[:, : len(joints)], own, h)
-            free = damped_velocity(metric, columns, v, h, force, twice)
+        _, _, _, v, _, torque, effects, twice = motion.kernel_arguments
+        joints = np.flatnonzero(self.whole.damping)
+        if damped.size or (joints.size and slowed is not None):
+            along = np.vstack([np.eye(self.nv)[joints], rows[damped]])
+            damping = np.concatenate([self.whole.damping[joints], hinges.damping[damped]])
+            if slowed is not None:
+                damp_slowed(damping.copy(), along @ slowed[0], along @ slowed[1], damping)
+            free = damped_velocity(metric, (np.sqrt(damping)[:, None] * along).T, v, h, torque - effects, twice)
         if self.has_joint_friction:
             rough = np.flatnonzero(hinges.friction)
             # a hinge that other equalities hold does not turn

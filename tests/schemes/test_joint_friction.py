@@ -3,12 +3,12 @@
 from itertools import pairwise, product
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import mbvi
-from mbvi.projection import Projector, TreeMetric, in_flight
-from mbvi.projection.damped_rows import damping_saved
-from mbvi.projection.tree import add_damping_saved
+from mbvi.projection import Projector, TreeFreeMotion, in_flight
+from mbvi.projection.tree import damp_slowed
 from support.paths import REAL_ROBOTS, ROBOTS
 
 SCHEMES = [
@@ -385,16 +385,57 @@ def test_dry_friction_beside_stiff_damping_stops_a_slider_and_drives_none(tmp_pa
     assert (run.v[:, 0] >= 0.0).all() and (np.diff(run.v[:, 0]) <= 0.0).all() and run.v[-1, 0] == 0.0
 
 
-def test_what_damping_saves_is_that_of_plain_numpy(rng):
-    """Along joints, and along any rows."""
-    n, h = 5, 0.03
-    B = rng.normal(size=(n, n))
-    M, D = B @ B.T + np.eye(n), rng.random(n) * (rng.random(n) < 0.7)
-    friction, v = rng.random(n), rng.normal(size=n) * (rng.random(n) < 0.8)
-    about = friction * np.sign(v)
-    expected = 0.5 * h * np.diag(D) @ np.linalg.solve(M + 0.5 * h * np.diag(D), about)
-    parent, torque = np.arange(n) - 1, np.zeros(n)
-    add_damping_saved(M, D, parent, friction, v, h, np.zeros((n, n)), np.zeros(n), torque)
-    np.testing.assert_allclose(torque, expected, rtol=1e-12, atol=1e-15)
-    along = damping_saved(TreeMetric(M, parent), np.diag(np.sqrt(D)), about, h)
-    np.testing.assert_allclose(along, expected, rtol=1e-12, atol=1e-15)
+@pytest.mark.parametrize("scheme", SCHEMES[2:4], ids=["plain", "projecting"])
+def test_damping_beside_dry_friction_is_that_of_plain_numpy(tmp_path, scheme):
+    """A step of an arm whose joints all slide, from the formulas of docs/howto/schemes.md."""
+    h, d, c = 0.01, 0.4, np.array([0.06, 0.02, 0.01])
+    problem = arm(tmp_path, damping=d, friction=c)
+    q, v = problem.q0, np.array([1.5, -1.2, 2.0])
+    run = mbvi.simulate(problem.at(q, v), scheme, step=h, duration=h, progress=False)
+    model, middle = problem.system.model, pin.integrate(problem.system.model, q, 0.5 * h * v)
+    data = model.createData()
+    M = pin.crba(model, data, middle)
+    M = np.triu(M) + np.triu(M, 1).T
+
+    def stepped(w, damping, force):
+        return w + np.linalg.solve(M + 0.5 * h * np.diag(damping), 0.5 * h * (force - damping * w))
+
+    damping = np.full(3, d)
+    free = stepped(v, damping, -pin.nonLinearEffects(model, data, middle, v))
+    slowed = free - 0.5 * h * np.linalg.solve(M, c * np.sign(v))
+    damping = damping * np.clip(slowed / free, 0.5, 1.5)
+    force, ends = -pin.nonLinearEffects(model, data, middle, slowed), [v]
+    for _ in range(4):
+        ends.append(stepped(ends[-1], damping, force))
+    expected = 2.0 * ends[3] - ends[4] - h * np.linalg.solve(M, c * np.sign(v))
+    np.testing.assert_allclose(run.v[-1], expected, rtol=0, atol=1e-12)
+
+
+def drawn_step(rng):
+    """M, D, c, v and the damping of a step h without forces, as `Centered` has it."""
+    n, h = int(rng.integers(1, 6)), 10.0 ** rng.uniform(-4, -1)
+    B = rng.normal(size=(n, n)) * 10.0 ** rng.uniform(-1, 1, n)[:, None]
+    M, parent, none = B @ B.T + 1e-3 * np.eye(n), np.arange(n) - 1, np.zeros(n)
+    D = 10.0 ** rng.uniform(-3, 4, n) * (rng.random(n) < 0.8)
+    c = 10.0 ** rng.uniform(-2, 3, n) * (rng.random(n) < 0.8) + 1e-9
+    v, damping = rng.normal(size=n) * 10.0 ** rng.uniform(-2, 1, n), np.empty(n)
+    half = TreeFreeMotion(M, D, parent, v, 0.5 * h, none, none, False, c)
+    damp_slowed(D, half.free, in_flight(half), damping)
+    return M, v, in_flight(TreeFreeMotion(M, damping, parent, v, h, none, none, True, c))
+
+
+def test_damping_beside_dry_friction_never_raises_the_energy(rng):
+    """Of any mass matrix, also far beyond the steps at which it is of order two."""
+    for _ in range(1500):
+        M, v, w = drawn_step(rng)
+        assert w @ M @ w <= (1.0 + 1e-12) * (v @ M @ v)
+
+
+@pytest.mark.parametrize("rounding", [1e-17, -1e-17])
+def test_a_joint_at_rest_drives_no_other(tmp_path, rounding):
+    """The second hangs and is damped; the speed of the first, which its friction holds, is rounding."""
+    kinds = [("continuous", "0 1 0", dynamics(c, d)) for c, d in ((50.0, 0.0), (0.0, 5.0))]
+    scene = mbvi.Scene(gravity=(0, 0, 0))
+    scene.add_urdf(chain(tmp_path, kinds), "fixed", velocity={"joint 0": rounding}, joint_friction=True)
+    run = mbvi.simulate(scene.build(), mbvi.Centered(), step=0.01, duration=0.5, progress=False)
+    assert np.abs(run.v[1:, 1]).max() <= 1e-16 and not run.v[1:, 0].any()

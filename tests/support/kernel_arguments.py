@@ -131,13 +131,10 @@ def remove_four(rng):
     return Q, int(rng.integers(len(Q) - 3)), rng.normal(size=8)
 
 
-def add_damping_saved(rng):
-    """Of a mechanism that is damped or not, some of whose joints stand still."""
-    system, L = factor_of(rng)
-    n = system.nv
-    damping, v = system.damping * rng.choice([0.0, 1.0]), rng.normal(size=n) * (rng.random(n) < 0.7)
-    room = np.zeros(L.shape), np.full(n, np.nan)
-    return np.array(system._mass), damping, system._parent, rng.random(n), v, 0.01, *room, rng.normal(size=n)
+def damp_slowed(rng):
+    """Of joints some of which stand still, or reverse."""
+    free = rng.normal(size=8) * (rng.random(8) < 0.7)
+    return rng.random(8), free, free * rng.uniform(-1.0, 2.0, 8), np.full(8, np.nan)
 
 
 def factor_again(rng):
@@ -1219,7 +1216,7 @@ ARGUMENTS = {
     "remove_four": remove_four,
     "remove_one": remove_four,
     "factor_again": factor_again,
-    "add_damping_saved": add_damping_saved,
+    "damp_slowed": damp_slowed,
     "solve": solve,
     "advance_by": advance_by,
     "is_damped": is_damped,

@@ -8,7 +8,7 @@ from ...constraints.mechanism.tables import FOUND, RowBuffer, copy_row
 from ...constraints.rows import mutual_nearest
 from ...projection.positions.travel import largest_bend
 from ...projection.row_speeds import row_speeds
-from ...projection.tree import add_damping_saved, advance_by, is_damped
+from ...projection.tree import advance_by, damp_slowed, is_damped
 from ...system.free.spinning import remove_spin_effects
 from ...system.mechanisms.equalities import EACH_ITS_OWN, FIRST_FINDS
 from ...system.mechanisms.mechanism import evaluate_nonlinear_effects, glide, place, weigh
@@ -16,7 +16,7 @@ from ...system.system import Array
 from ..positions.settle_kernel import glide_to_end, project_positions, take_velocity_of_end
 from ..step import joins, margin_of, write_closing_speeds
 from ..tangent_velocity import make_tangent
-from .joint_friction import apply_joint_friction
+from .joint_friction import apply_joint_friction, joints_with_friction
 from .phases import act, apply_law, move_freely
 from .records import DONE, UNSOLVED, MechanismStep
 
@@ -97,10 +97,10 @@ def centered_forces(s: MechanismStep, t: float, q: Array, v: Array, half: float)
     stays in the room.
     """
     m, room, late, w = s.mechanism, s.room, s.scales.late, s.room.force_velocity
+    rough = joints_with_friction(m.friction) > 0
     room.known[0] = 0
     for k in range(len(v)):
-        # a control writes those of its part only, and friction adds to all
-        room.torque[k] = 0.0
+        room.damping[k] = m.damping[k]
     act(s, t, q, v)
     weigh(s.mechanism, q)
     evaluate_pushing_effects(s, q, v)
@@ -114,16 +114,18 @@ def centered_forces(s: MechanismStep, t: float, q: Array, v: Array, half: float)
             room.known[0] = 0 if bad else len(room.damped)
         else:
             move_freely(s, v, half, False, w)
-        apply_joint_friction(s, half, w)
+        if rough:
+            for k in range(len(v)):
+                room.free[k] = w[k]
+            apply_joint_friction(s, half, w)
+            damp_slowed(m.damping, room.free, w, room.damping)
+            room.known[0] = 0
         for k in range(len(v)):
             if not late[k]:
-                w[k] = v[k]
+                w[k], room.damping[k] = v[k], m.damping[k]
         if s.scales.loaded:
             act(s, t, q, w)
         evaluate_pushing_effects(s, q, w)
-    add_damping_saved(
-        m.mass, m.damping, m.parent, m.friction, v, 2.0 * half, room.L, room.changes[0], room.torque
-    )  # fmt: skip
 
 
 @kernel("i8(MechanismStep, f8, f8[::1], f8[::1], f8)")

@@ -73,12 +73,13 @@ def evaluate_effects(s: MechanismStep, q: Array, v: Array, at: Array, h: float) 
 def move_freely(s: MechanismStep, v: Array, h: float, twice: bool, w: Array) -> bool:
     """Write the velocity after a time h under the forces that were evaluated last; False where M has no factor.
 
-    Dry friction of joints does not act; see `apply_joint_friction`. `twice` is that of `advance_by`.
+    Dry friction of joints does not act; see `apply_joint_friction`. `twice` is that of `advance_by`, and then the
+    damping that in the room.
     """
     m, room = s.mechanism, s.room
+    damping, known = room.damping if twice else m.damping, room.damped[: room.known[0]]
     bad = advance_by(
-        m.mass, m.damping, m.parent, v, h, room.torque, m.effects, twice, room.damped[: room.known[0]], room.L,
-        room.changes, w,
+        m.mass, damping, m.parent, v, h, room.torque, m.effects, twice, known, room.L, room.changes, w
     )  # fmt: skip
     return bad == 0
 

@@ -78,9 +78,9 @@ class Scales(NamedTuple):
 
 
 @record(
-    "f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:,::1], f8[::1], f8[::1],"
-    " f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], i8[::1],"
-    " i8[::1], i8[::1], b1[::1], b1[::1], b1[::1], b1[::1]"
+    "f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:,::1], f8[::1],"
+    " f8[::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1],"
+    " i8[::1], i8[::1], i8[::1], b1[::1], b1[::1], b1[::1], b1[::1]"
 )
 class Room(NamedTuple):
     """Room within a step: kernels that make no arrays are faster.
@@ -89,8 +89,9 @@ class Room(NamedTuple):
     ----------
     torque, drift, force_velocity, free, displacement, moved, tangent : ndarray, shape (nv,)
         Tangent vectors.
-    before, after : ndarray, shape (nv,)
-        Of `Centered` the velocity in the middle of the step before the law, and that at its end.
+    before, after, damping : ndarray, shape (nv,)
+        Of `Centered` the velocity in the middle of the step before the law, and that at its end; the damping of the
+        step.
     changes : ndarray, shape (2, nv)
         Room of `advance_by`.
     end, middle : ndarray, shape (nq,)
@@ -122,6 +123,7 @@ class Room(NamedTuple):
     tangent: Array
     before: Array
     after: Array
+    damping: Array
     changes: Array
     end: Array
     middle: Array
@@ -146,7 +148,7 @@ class Room(NamedTuple):
 
 def room(nq: int, nv: int, equalities: int) -> Room:
     """Return room for a mechanism with some rows of equalities."""
-    tangents, places = np.zeros((9, nv)), np.zeros((2, nq))
+    tangents, places = np.zeros((10, nv)), np.zeros((2, nq))
     factors, solved = np.zeros((2, nv + equalities, nv)), np.zeros((2, MOST_ROWS, nv))
     floats, table, margin = np.zeros((4, MOST_ROWS)), np.zeros(8 * MOST_ROWS), np.zeros(1)
     numbers, masks = np.zeros((2, MOST_ROWS), np.int64), np.zeros((4, MOST_ROWS), bool)

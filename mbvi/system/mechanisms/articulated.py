@@ -14,7 +14,7 @@ from ...arguments import all_finite, returned
 from ...compiled import held, plain_array
 from ...errors import InputError, ProjectionError
 from ...projection import TreeFreeMotion, TreeMetric, in_flight
-from ...projection.tree import add_damping_saved
+from ...projection.tree import damp_slowed
 from ...projection.tree_factor import least_change
 from ..actuators import Actuators, DrivenActuators
 from ..controls import LoopControl
@@ -290,14 +290,20 @@ class ArticulatedSystem(System):
         return self._free_motion(t, q, v, h, v, False, False)
 
     def centered_motion(self, t: float, q: Array, v: Array, h: float, at: Array) -> TreeFreeMotion:
-        return self._free_motion(t, q, v, h, at, True, False)
+        damping = None
+        if self._damped and self.has_joint_friction and self.velocity_dependent:
+            damping = np.empty(self.nv)
+            damp_slowed(self.damping, self.pushed_motion(t, q, v, 0.5 * h).free, plain_array(at), damping)
+        return self._free_motion(t, q, v, h, at, True, False, damping)
 
     def _free_motion(
-        self, t: float, q: Array, v: Array, h: float, at: Array, twice: bool, spins: bool
-    ) -> TreeFreeMotion:
+        self, t: float, q: Array, v: Array, h: float, at: Array, twice: bool, spins: bool,
+        damping: Array | None = None,
+    ) -> TreeFreeMotion:  # fmt: skip
         """Return the free motion of v under forces at a velocity.
 
-        `twice` is that of `advance_by`, and `spins` is whether gyroscopic torques of free bodies act.
+        `twice` is that of `advance_by`, and `spins` is whether gyroscopic torques of free bodies act. `damping` is that
+        of the joints unless given.
         """
         if q is not self._current:
             self._refresh(q)
@@ -310,14 +316,8 @@ class ArticulatedSystem(System):
         elif self._spins:
             remove_spin_effects(self._free, plain_array(at), effects)
         # a later evaluation at another q overwrites Pinocchio's mass matrix
-        mass = self._mass.copy()
-        if twice and self._damped and self.has_joint_friction:
-            torque = np.array(torque)
-            add_damping_saved(
-                mass, self.damping, self._parent, self.friction, v, h, np.empty(mass.shape), np.empty(self.nv), torque
-            )
         return TreeFreeMotion(
-            mass, self.damping, self._parent, v, h, torque, effects, twice,
+            self._mass.copy(), self.damping if damping is None else damping, self._parent, v, h, torque, effects, twice,
             self.friction if self.has_joint_friction else None,
         )  # fmt: skip
 
