@@ -157,7 +157,7 @@ class Blocks:
                     placed = PlacedShape(name, shape, 0, b.rotation, b.position, _GREY, b.motion)
                 else:
                     placed = PlacedShape(name, shape, body, np.eye(3), -b.centre, _PALETTE[k % len(_PALETTE)])
-                self.shapes.append(self.simplify(placed, b.tolerance if b.parts else b.tolerance or 0.0))
+                self.shapes.append(self.simplify(placed, b.tolerance or 0.0))
             if b.parts:
                 more = "" if b.larger is None else f", together {100 * b.larger:+.2g} % of its volume"
                 self.omitted.append(Omission(f"mesh {b.name}", f"cut into {len(b.parts)} convex parts{more}"))

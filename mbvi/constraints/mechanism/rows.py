@@ -262,10 +262,6 @@ def active_rows(
             code = rows_by_callback(constraints.given, k, q, tolerance, rows)
             continue
         family = constraints.pairs if kind == PAIRS else constraints.touching if kind == BALLS else walls
-        if kind == BALLS_AT_MESH:
-            family = record_at(constraints.spheres_at_mesh, constraints.meshes[k]).family
-        elif kind == SHAPES_AT_MESH:
-            family = record_at(constraints.shapes_at_mesh, constraints.meshes[k]).family
         if kind == LIMITS:
             code, clearance = limit_rows(constraints.limits, k, q, tolerance, rows)
             cache.clearance[slot] = clearance + tolerance
@@ -273,10 +269,10 @@ def active_rows(
             code = touching_balls(mechanism, constraints.balls, family, q, tolerance, rows)
         elif kind == BALLS_AT_MESH:
             spheres = record_at(constraints.spheres_at_mesh, constraints.meshes[k])
-            code = touching_spheres(mechanism, spheres, q, tolerance, rows)
+            family, code = spheres.family, touching_spheres(mechanism, spheres, q, tolerance, rows)
         elif kind == SHAPES_AT_MESH:
             shapes = record_at(constraints.shapes_at_mesh, constraints.meshes[k])
-            code = touching_shapes(mechanism, shapes, q, tolerance, rows)
+            family, code = shapes.family, touching_shapes(mechanism, shapes, q, tolerance, rows)
         else:
             place(mechanism, q)
             if spent:

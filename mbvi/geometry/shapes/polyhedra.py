@@ -111,8 +111,7 @@ class Hull(Polyhedron):
     @property
     def volume(self) -> float:
         """Volume [m^3]."""
-        corner = self.vertices[self.triangles]
-        return float(np.vecdot(corner[:, 0], np.cross(corner[:, 1], corner[:, 2])).sum() / 6)
+        return enclosed_volume(self.vertices, self.triangles)
 
     def mass_properties(self, mass: float) -> tuple[Array, Array]:
         """Return centre of mass, shape (3,), and inertia about it, shape (3, 3), at constant density."""
@@ -128,6 +127,12 @@ class Hull(Polyhedron):
     def inertia(self, mass: float) -> Array:
         """Return the inertia about the centre of mass, shape (3, 3) [kg m^2]."""
         return self.mass_properties(mass)[1]
+
+
+def enclosed_volume(vertices: Array, triangles: Array) -> float:
+    """Return the volume within closed triangles that run anticlockwise seen from outside [m^3]."""
+    corner = vertices[triangles]
+    return float(np.vecdot(corner[:, 0], np.cross(corner[:, 1], corner[:, 2])).sum() / 6)
 
 
 def _qhull(points: Array) -> tuple[Array, Any]:

@@ -22,7 +22,7 @@ _CLOSE = 1e-12
 _WEIGHT, _LESS, _LEAST, _MOST_PROXIMAL = 1.0, 0.3, 1e-9, 40
 # sweeps of the first round, their factor from round to round; Newton steps after each, and errors remembered in them
 _FIRST_SWEEPS, _MORE_SWEEPS, _STEPS, _REMEMBERED = 3, 3, 60, 3
-# Newton's method seldom needs more steps after few sweeps, unless it goes on without end: as many, and one of so many
+# Newton's method may go on without end: after few sweeps it has so many steps, after many one for each so many sweeps
 _FEW_STEPS, _SWEEPS_A_STEP = 20, 4
 # rounds of sweeps
 _ROUNDS = 7

@@ -44,11 +44,12 @@ class Meshes(Walls):
         it is closed, a sheet as of `add_surface` if it has a rim. Such a mesh has no mass, and moves by `motion` only.
         With `decompose=True` it is a body of convex parts "name[0]", "name[1]", ... that CoACD cuts the mesh into, for
         meshes with hollows that move; a number from 0.01 to 1 in place of True is CoACD's bound on how far parts lie
-        outside of the mesh, relative to its size (0.05). Mass and inertia are those of the parts.
+        outside of the mesh, relative to its size (0.05).
+
         `position` and `rotation` are those of the file's frame; q holds the centre of mass. `scale` multiplies the
         file's coordinates [m per unit]. A hull that is a ball, box, capsule or cylinder within `tolerance` [m] touches
         as that, or else as a hull of some of its vertices, if nine tenths of them suffice. By default only the
-        first, within 1e-9 of its size. Mass and inertia stay the hull's.
+        first, within 1e-9 of its size. Mass and inertia stay those of the hull, or of the parts.
         """
         file, cut = file_path(path), _concavity(decompose)
         if not boolean(convex, "convex"):
@@ -77,7 +78,7 @@ class Meshes(Walls):
         name = self._items.new_name(body.get("name"), default)
         centre, inertia = np.zeros(3), shape.inertia(mass)
         if isinstance(shape, Hull):
-            centre, inertia = mass_properties(parts or (shape,), mass)
+            centre, inertia = mass_properties(parts, mass) if parts else shape.mass_properties(mass)
         fixed = boolean(body.get("fixed", False), "fixed") or motion is not None
         self._items.bodies.append(
             BodyItem(

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
+import pinocchio as pin
 
 from ...errors import InputError
 from ...geometry.meshes.triangles import Surface
+from ...geometry.shapes.polyhedra import enclosed_volume
 from ...geometry.shapes.shapes import Array, Hull
-
-# CoACD takes seconds, and a scene may have many bodies of one mesh
-_known: dict[tuple[bytes, bytes, float], tuple[Hull, ...]] = {}
 
 
 def convex_parts(mesh: Surface, concavity: float) -> tuple[tuple[Hull, ...], float | None]:
@@ -32,25 +33,25 @@ def convex_parts(mesh: Surface, concavity: float) -> tuple[tuple[Hull, ...], flo
     X. Wei, M. Liu, Z. Ling, H. Su, Approximate convex decomposition for 3D meshes with collision-aware concavity and
     tree search, ACM Transactions on Graphics 41 (2022).
     """
-    key = mesh.vertices.tobytes(), mesh.triangles.tobytes(), concavity
-    if key not in _known:
-        _known[key] = _cut(mesh.vertices, mesh.triangles, concavity)
-    parts, larger = _known[key], None
-    if mesh.closed:
-        a, b, c = np.moveaxis(mesh.vertices[mesh.triangles], 1, 0)
-        larger = 6.0 * sum(part.volume for part in parts) / abs(float(np.vecdot(a, np.cross(b, c)).sum())) - 1.0
-    return parts, larger
+    parts = _cut(mesh.vertices.tobytes(), mesh.triangles.tobytes(), concavity)
+    if not mesh.closed:
+        return parts, None
+    whole = abs(enclosed_volume(mesh.vertices, mesh.triangles))
+    return parts, sum(part.volume for part in parts) / whole - 1.0
 
 
-def _cut(points: Array, corners: Array, concavity: float) -> tuple[Hull, ...]:
+# CoACD takes seconds, and a scene may have many bodies of one mesh
+@lru_cache(maxsize=32)
+def _cut(points: bytes, corners: bytes, concavity: float) -> tuple[Hull, ...]:
+    """Return the parts of a mesh of vertices, float64, and triangles, int64."""
     try:
         import coacd
     except ImportError as error:
         raise InputError("decompose needs CoACD: pip install 'mbvi[decompose]'") from error
     coacd.set_log_level("off")
-    found = coacd.run_coacd(coacd.Mesh(points, corners), threshold=concavity, seed=0)
+    vertices, triangles = np.frombuffer(points).reshape(-1, 3), np.frombuffer(corners, np.int64).reshape(-1, 3)
     hulls = []
-    for part, _ in found:
+    for part, _ in coacd.run_coacd(coacd.Mesh(vertices, triangles), threshold=concavity, seed=0):
         try:
             hulls.append(Hull(np.array(part, dtype=float)))
         except InputError:
@@ -61,11 +62,8 @@ def _cut(points: Array, corners: Array, concavity: float) -> tuple[Hull, ...]:
 
 def mass_properties(parts: tuple[Hull, ...], mass: float) -> tuple[Array, Array]:
     """Return centre of mass, shape (3,), and inertia about it, shape (3, 3), of parts of one density."""
-    masses = mass * np.array([part.volume for part in parts]) / sum(part.volume for part in parts)
-    own = [part.mass_properties(m) for part, m in zip(parts, masses.tolist(), strict=True)]
-    centre = sum(m * c for m, (c, _) in zip(masses, own, strict=True)) / mass
-    inertia = np.zeros((3, 3))
-    for m, (c, about) in zip(masses, own, strict=True):
-        arm = c - centre
-        inertia += about + m * (arm @ arm * np.eye(3) - np.outer(arm, arm))
-    return np.asarray(centre), inertia
+    density, total = mass / sum(part.volume for part in parts), pin.Inertia.Zero()
+    for part in parts:
+        own = density * part.volume
+        total += pin.Inertia(own, *part.mass_properties(own))
+    return total.lever.copy(), total.inertia.copy()

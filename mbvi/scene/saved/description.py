@@ -151,9 +151,7 @@ def restore(text: str, given: GivenAgain | None = None) -> Problem | None:
         items.forces.append(ForceItem(one["body"], again.pop(0) if again else stand_in))
     # older files without reductions hold the states of the full model
     moved = data.get("start")
-    start = (
-        None if moved is None else Start(_vector(moved["q"]), *(moved[key] for key in ("moved", "why") if key in moved))
-    )
+    start = moved and Start(_vector(moved["q"]), *(moved[key] for key in ("moved", "why") if key in moved))
     problem = assemble(items, checked_reductions(data.get("reduce", ())), start=start)
     driven = [*data["walls"], *data.get("surfaces", ()), *data["bodies"]]
     motions = [_motion_name(thing["name"]) for thing in driven if "source" in (thing.get("motion") or ())]
@@ -237,8 +235,8 @@ def _shape_back(data: dict[str, Any]) -> Convex:
 
 
 def _body(item: BodyItem, number: dict[int, int]) -> dict[str, Any]:
-    parts = [number[id(part)] for part in item.parts]
-    return {**_plain(item.__dict__), "shape": number[id(item.shape)], "parts": parts, "motion": _motion(item.motion)}
+    shapes = {"shape": number[id(item.shape)], "parts": [number[id(part)] for part in item.parts]}
+    return {**_plain(item.__dict__), **shapes, "motion": _motion(item.motion)}
 
 
 def _body_back(data: dict[str, Any], shapes: list[Convex]) -> BodyItem:

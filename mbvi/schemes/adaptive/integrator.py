@@ -269,15 +269,15 @@ class AdaptiveIntegrator:
                 f"the velocity runs away at t = {second.t:.6g} s, to {np.abs(second.v).max():.3g}: forces grow too fast"
             )
         speed = max(speed, self._measure.size(second.v))
-        before = Step(self.t, self.q, self.v, self._problem.constraints.empty, NO_RATES, 0.0)
-        if self._passed(before, second, h) < 1.0:
+        start = Step(self.t, self.q, self.v, self._problem.constraints.empty, NO_RATES, 0.0)
+        if self._passed(start, second, h) < 1.0:
             return Verdict(second._replace(t=self.t + h), 0.0, 1.0, True, False)
         problem, measure, least = self._problem, self._measure, self._measure.slides(speed) / self._problem.length
         verdict = judged(problem, measure, found, near.resting, self.v, self.t + h, speed, self._order)
-        if slips is None or not slips.change(found, least):
+        if slips is None:
             return verdict
-        acceleration = acceleration_at(problem, self.t, self.q, self.v, near.resting, h, self._projector)
-        error, turns = slips.hidden(found, acceleration, h, least)
+        before = partial(acceleration_at, problem, self.t, self.q, self.v, near.resting, h, self._projector)
+        error, turns = slips.hidden(found, before, h, least)
         error = max(verdict.error, error / max(1.0, speed))
         return verdict._replace(error=error, sound=verdict.sound and not turns)
 

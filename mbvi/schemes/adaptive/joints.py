@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from ...problem import Problem
@@ -47,22 +49,18 @@ class JointSlips:
         falls = self.slides(least) & (change * self.before < 0.0)
         return float((np.abs(self.before[falls]) / np.abs(change[falls])).min(initial=np.inf))
 
-    def change(self, found: Doubled, least: float) -> bool:
-        """Return whether a joint that slides before a step stops or reverses in it, or one that does not begins to."""
-        ends = np.array([self.rows @ step.v for step in found.steps])
-        return bool(np.where(self.slides(least), ends * self.before <= 0.0, ends != 0.0).any())
-
-    def hidden(self, found: Doubled, acceleration: Array, h: float, least: float) -> tuple[float, bool]:
+    def hidden(self, found: Doubled, acceleration: Callable[[], Array], h: float, least: float) -> tuple[float, bool]:
         """Return what a step may hide of an error, in the units of `Measure`, and whether a joint reverses.
 
         A joint that stops within the step stays until its end, even if forces would drive it back at once. Its speed is
-        wrong by up to that to which the acceleration before, shape (nv,), leads beyond zero. A joint that begins to
-        move does so from the start of the step on; see `hidden`.
+        wrong by up to that to which `acceleration`, that before the step, leads beyond zero. A joint that begins to
+        move does so from the start of the step on, as in `doubling.hidden`.
         """
         ends = np.array([self.rows @ step.v for step in found.steps])
         slid, fast = self.slides(least), np.abs(ends) > least * self._units
-        stops = slid & (ends * self.before <= 0.0).any(axis=0)
-        beyond = np.maximum(-np.sign(self.before) * (self.before + h * (self.rows @ acceleration)), 0.0)
+        stops, beyond = slid & (ends * self.before <= 0.0).any(axis=0), 0.0
+        if stops.any():
+            beyond = np.maximum(-np.sign(self.before) * (self.before + h * (self.rows @ acceleration())), 0.0)
         begins = HIDDEN * np.abs(ends).max(axis=0)
         error = np.where(stops, beyond, np.where(~slid & fast.any(axis=0), begins, 0.0)) / self._units
         return float(error.max(initial=0.0)), bool((slid & fast & (ends * self.before < 0.0)).any())

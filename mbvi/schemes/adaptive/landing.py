@@ -144,10 +144,9 @@ def acceleration_at(
     """Return the mean acceleration over a small part of a time h [s], with resting contacts and dry friction."""
     short = _SHORT * h
     motion = problem.system.free_motion(t, q, v, short)
-    w = in_flight(motion)
-    if len(resting.gap):
-        try:
-            w = law(projector, v, motion, resting._replace(restitution=np.zeros(len(resting.gap)))).velocity
-        except ProjectionError:
-            pass
+    try:
+        rigid = resting._replace(restitution=np.zeros(len(resting.gap)))
+        w = law(projector, v, motion, rigid).velocity if len(resting.gap) else in_flight(motion)
+    except ProjectionError:
+        w = motion.free
     return np.asarray((w - v) / short)
