@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from mbvi.projection.coulomb.friction import project_frictional
 from mbvi.projection.coulomb.law import COMPLIANT, UNIQUE, carried_law, free_speeds
-from mbvi.projection.coulomb.newton import SLIP, STICK
+from mbvi.projection.coulomb.newton.cases import SLIP, STICK
 from mbvi.projection.coulomb.one_contact import coulomb_defect
 from mbvi.projection.metric import DenseMetric
 

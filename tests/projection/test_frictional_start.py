@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from mbvi.projection.coulomb.friction import project_frictional
 from mbvi.projection.coulomb.law import NOTHING, UNIQUE
-from mbvi.projection.coulomb.newton import OPEN, SLIP, STICK
+from mbvi.projection.coulomb.newton.cases import OPEN, SLIP, STICK
 from mbvi.projection.coulomb.separate_laws import coulomb_law
 from mbvi.projection.metric import DenseMetric
 from projection.test_friction import UP, body, contact, stack

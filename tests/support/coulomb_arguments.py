@@ -2,6 +2,88 @@
 
 import numpy as np
 
+from mbvi.projection.coulomb.newton.directions import Delassus
+
+
+def alone(G):
+    """A matrix without the rows that it is made of."""
+    return Delassus(G, np.zeros((0, 0)), np.zeros((0, 0)), np.zeros(0), 0.0)
+
+
+def crowd(rng):
+    """Many contacts on few velocities, compliant: the matrix with its rows, b, mu, percussions in the cones, cases."""
+    m, nv, compliance = int(rng.integers(4, 8)), int(rng.integers(3, 7)), float(rng.choice([1e-4, 1e-2]))
+    J, mu = rng.normal(size=(3 * m, nv)), rng.choice([0.0, 0.2, 0.8], size=m)
+    for a in range(m):
+        # not all velocities
+        J[3 * a : 3 * a + 3, rng.random(nv) < 0.3] = 0.0
+        J[3 * a : 3 * a + 3, a % nv] = rng.normal(size=3)
+    if rng.random() < 0.4:
+        mu[-1], J[-3], J[-1] = -0.4, 0.0, 0.0
+    root = rng.normal(size=(nv, nv))
+    A = J @ (root @ root.T + np.eye(nv))
+    scale = 1.0 / np.sqrt(np.diagonal(J @ A.T)[np.where(mu < 0.0, 3 * np.arange(m) + 1, 3 * np.arange(m))])
+    each = np.repeat(scale, 3)
+    G, b = (J @ A.T) * each[:, None] * each, each * (J @ rng.normal(size=nv))
+    if mu[-1] < 0.0:
+        G[-3, -3], b[-3] = 1.0, -0.7
+    G += compliance * np.eye(3 * m)
+    p = in_cone(rng, mu)
+    if mu[-1] < 0.0:
+        p[-1] = 0.0
+    law = Delassus(np.ascontiguousarray(G), J, np.ascontiguousarray(A), scale, compliance)
+    return law, b, mu, p, rng.integers(0, 3, size=m)
+
+
+def direction(rng):
+    """Arguments of `newton_direction`: percussions, velocities and errors of cases that are those of the velocities."""
+    law, b, mu, p, case = crowd(rng)
+    n = len(p)
+    room = np.full((n, n), np.nan), np.full(n, np.nan), np.zeros(n, np.int64), np.full(n, np.nan)
+    scale = rng.uniform(0.2, 1.0, size=len(mu))
+    return law, law.G @ p + b, p, mu, scale, rng.normal(size=n), case, 1e-3, *room
+
+
+def takes_fewer_velocities(rng):
+    law, *_, case = crowd(rng)
+    return law, case, int(rng.integers(1, 3 * len(case)))
+
+
+def tangential_rates(rng):
+    _, u, p, mu, scale, _, case, *_ = direction(rng)
+    a = int(rng.integers(len(mu) - 1))
+    return u, p, mu[a], scale[a], int(case[a]), 3 * a
+
+
+def eliminate_contact(rng):
+    _, u, p, mu, scale, error, case, *_ = direction(rng)
+    a = int(rng.integers(len(mu)))
+    return u, p, mu, scale, error, case, 1e-2, a, np.full((3, 3), np.nan), rng.normal(size=len(p))
+
+
+def add_contact(rng):
+    law, *_ = crowd(rng)
+    nv = law.J.shape[1]
+    i = 3 * int(rng.integers(len(law.scale)))
+    runs, product = np.zeros((nv, 2), np.int64), np.zeros((3, nv))
+    return law.J, law.A, i, 0.7, rng.normal(size=(3, 3)), runs, product, rng.normal(size=(nv, nv))
+
+
+def direction_by_velocities(rng):
+    law, u, p, mu, scale, error, case, *_ = direction(rng)
+    step = np.where(np.repeat((case == 0) | (mu < 0.0), 3), -p, 0.0)
+    for a in np.flatnonzero((mu == 0.0) & (case != 0)):
+        step[3 * a + 1 : 3 * a + 3] = -p[3 * a + 1 : 3 * a + 3]
+    return law, u, p, mu, scale, error, case, 1e-3 + law.compliance, step
+
+
+def without_rows(rng):
+    return (law(rng)[0],)
+
+
+def soften(rng):
+    return crowd(rng)[0], rng.random()
+
 
 def law(rng, most=3):
     """G, b and mu of a few contacts, scaled to unit normal entries."""
@@ -105,20 +187,22 @@ def solve_linear(rng):
 
 
 def newton_direction(rng):
+    if rng.random() < 0.5:
+        return direction(rng)
     G, _, mu, p, u, scale, case = state(rng)
     n = len(p)
     room = np.full((n, n), np.nan), np.full(n, np.nan), np.zeros(n, np.int64), np.full(n, np.nan)
-    return G, u, p, mu, scale, rng.normal(size=n), case, 1e-3, *room
+    return alone(G), u, p, mu, scale, rng.normal(size=n), case, 1e-3, *room
 
 
 def newton_coulomb(rng):
     G, b, mu, p, *_ = state(rng)
-    return G, b, mu, 3, 1e-12, 1e-3, 2, p
+    return alone(G), b, mu, 3, 1e-12, 1e-3, 2, p
 
 
 def hold_cases(rng):
     G, b, mu, p, _, _, case = state(rng)
-    return G, b, mu, case, 2, 1e-12, 1e-3, p
+    return alone(G), b, mu, case, 2, 1e-12, 1e-3, p
 
 
 def resume_newton(rng):
@@ -126,12 +210,12 @@ def resume_newton(rng):
     for a in range(len(mu)):
         # dependent rows without a shift end in rounding
         G[3 * a : 3 * a + 3, 3 * a : 3 * a + 3] += 0.1 * np.eye(3)
-    return G, b, mu, 2, 1e-12, p
+    return alone(G), b, mu, 2, 1e-12, p
 
 
 def attempt(rng):
     G, b, mu = law(rng, 2)
-    return G, b, mu, 1e-10, np.zeros(len(b))
+    return alone(G), b, mu, 1e-10, np.zeros(len(b))
 
 
 def regular(rng):
@@ -142,18 +226,19 @@ def regular(rng):
 
 def solve_compliant(rng):
     G, b, mu = regular(rng)
-    return G, b, mu, rng.random() < 0.5, np.zeros(len(b)), np.zeros(len(mu), np.int64)
+    return alone(G), b, mu, rng.random() < 0.5, np.zeros(len(b)), np.zeros(len(mu), np.int64)
 
 
 def solve_coulomb(rng):
     G, b, mu = regular(rng)
-    return G, b, mu, 1e-10, True, rng.random() < 0.5, np.zeros(len(b)), np.zeros(len(b))
+    return alone(G), b, mu, 1e-10, True, rng.random() < 0.5, np.zeros(len(b)), np.zeros(len(b))
 
 
 def solve_softened(rng):
     G, b, mu = regular(rng)
     given = mu, 1e-10, True, rng.random() < 0.5, np.zeros(len(b)), np.zeros(len(b))
-    return G, b, np.ascontiguousarray(G + 1e-3 * np.eye(len(b))), b + 1e-3 * rng.normal(size=len(b)), *given
+    compliant = alone(np.ascontiguousarray(G + 1e-3 * np.eye(len(b))))
+    return alone(G), b, compliant, b + 1e-3 * rng.normal(size=len(b)), *given
 
 
 def couples_weakly(rng):
@@ -267,7 +352,7 @@ def scale_speeds(rng):
 def solve_scaled(rng):
     G, b, mu = regular(rng)
     soft = rng.random() * np.linalg.norm(b) * in_cone(rng, np.maximum(mu, 1e-3))
-    return G, b, mu, np.full(len(mu), -1), int(rng.integers(3)), 1e-12, soft, soft.copy()
+    return alone(G), b, mu, np.full(len(mu), -1), int(rng.integers(3)), 1e-12, soft, soft.copy()
 
 
 def coulomb_law(rng):
@@ -346,12 +431,21 @@ def write_closing_speeds(rng):
 
 def hold_rigid(rng):
     G, b, mu, p, _, _, case = state(rng)
-    return G, b, mu, case, rng.random() < 0.5, 1e-10, p
+    return alone(G), b, mu, case, rng.random() < 0.5, 1e-10, p
+
+
+def hold_as_compliant(rng):
+    G, b, mu, p, *_ = state(rng)
+    return alone(G), soften_of(alone(G)), b, mu, rng.random() < 0.5, 1e-10, p
+
+
+def soften_of(law):
+    return law._replace(G=law.G + 1e-2 * np.eye(len(law.G)), compliance=1e-2)
 
 
 def stiffen(rng):
-    G, b, mu, limit, p = attempt(rng)
-    return G, b, mu, False, 1e-2, limit, p
+    law, b, mu, limit, p = attempt(rng)
+    return law, b, mu, False, rng.random() < 0.5, 1e-2, limit, p
 
 
 def improve_coulomb(rng):
@@ -372,11 +466,19 @@ COULOMB_ARGUMENTS = {
         find_cases,
         case_error,
         solve_linear,
+        tangential_rates,
+        eliminate_contact,
+        add_contact,
+        takes_fewer_velocities,
+        direction_by_velocities,
+        without_rows,
+        soften,
         newton_direction,
         newton_coulomb,
         hold_cases,
         resume_newton,
         hold_rigid,
+        hold_as_compliant,
         stiffen,
         improve_coulomb,
         solve_compliant,

@@ -11,7 +11,9 @@ import numpy as np
 
 from ...compiled import kernel
 from ..metric import Array
-from .newton import SHIFT, find_cases, hold_cases, newton_coulomb, tangential_scale
+from .newton.cases import find_cases, tangential_scale
+from .newton.directions import Delassus, soften
+from .newton.iterations import SHIFT, hold_cases, newton_coulomb
 from .one_contact import contact_velocities
 from .rescue import COMPLIANCE, hold_rigid, improve_coulomb, proximal_newton, sweeps_and_newton
 
@@ -79,14 +81,14 @@ def independent_rows(G: Array, mu: Array, bound: Array) -> bool:
     return True
 
 
-@kernel("void(f8[:,::1], f8[::1], f8[::1], b1, f8[::1], i8[::1])")
-def solve_compliant(H: Array, b: Array, mu: Array, started: bool, p: Array, case: Array) -> None:
+@kernel("void(Delassus, f8[::1], f8[::1], b1, f8[::1], i8[::1])")
+def solve_compliant(compliant: Delassus, b: Array, mu: Array, started: bool, p: Array, case: Array) -> None:
     """Write the percussions of compliant contacts and the case of each, shape (m,).
 
     Parameters
     ----------
-    H : ndarray, shape (n, n)
-        G + COMPLIANCE I.
+    compliant : Delassus
+        With the same compliance at all contacts.
     b, mu
         See `solve_coulomb`.
     started : bool
@@ -95,53 +97,53 @@ def solve_compliant(H: Array, b: Array, mu: Array, started: bool, p: Array, case
         Receives the percussions.
     """
     n, u, scale = len(b), np.empty(len(b)), np.empty(len(mu))
-    if not started or newton_coulomb(H, b, mu, _RESUMED_STEPS, _CLOSE, SHIFT, _REMEMBERED, p) > _CLOSE:
+    if not started or newton_coulomb(compliant, b, mu, _RESUMED_STEPS, _CLOSE, SHIFT, _REMEMBERED, p) > _CLOSE:
         for i in range(n):
             p[i] = 0.0
-        if newton_coulomb(H, b, mu, _STEPS, _CLOSE, SHIFT, _REMEMBERED, p) > _CLOSE:
+        if newton_coulomb(compliant, b, mu, _STEPS, _CLOSE, SHIFT, _REMEMBERED, p) > _CLOSE:
             for i in range(n):
                 p[i] = 0.0
-            if sweeps_and_newton(H, b, mu, _CLOSE, p) > _CLOSE:
-                proximal_newton(H, b, mu, _CLOSE, p)
-    contact_velocities(H, b, p, u)
-    tangential_scale(H, scale)
+            if sweeps_and_newton(compliant, b, mu, _CLOSE, p) > _CLOSE:
+                proximal_newton(compliant, b, mu, _CLOSE, p)
+    contact_velocities(compliant.G, b, p, u)
+    tangential_scale(compliant.G, scale)
     find_cases(u, p, mu, scale, case)
 
 
-@kernel("f8(f8[:,::1], f8[::1], f8[:,::1], f8[::1], f8[::1], f8, b1, b1, f8[::1], f8[::1])")
+@kernel("f8(Delassus, f8[::1], Delassus, f8[::1], f8[::1], f8, b1, b1, f8[::1], f8[::1])")
 def solve_softened(
-    G: Array, b: Array, H: Array, c: Array, mu: Array, limit: float, independent: bool, started: bool, start: Array,
-    p: Array,
+    law: Delassus, b: Array, compliant: Delassus, c: Array, mu: Array, limit: float, independent: bool, started: bool,
+    start: Array, p: Array,
 ) -> float:  # fmt: skip
     """Write percussions of rigid contacts in the cases of compliant ones; return `coulomb_defect`, which may be large.
 
     Parameters
     ----------
-    G, b, mu, limit, independent, started, start, p
+    law, b, mu, limit, independent, started, start, p
         See `solve_coulomb`.
-    H, c : ndarray, shapes (n, n) and (n,)
-        G and b of compliant contacts.
+    compliant, c : Delassus and ndarray, shape (n,)
+        Those of compliant contacts.
     """
     case = np.empty(len(mu), np.int64)
-    solve_compliant(H, c, mu, started, start, case)
+    solve_compliant(compliant, c, mu, started, start, case)
     if not independent:
         # percussions that do not change the velocity of rigid contacts are known to the residual over the compliance
-        hold_cases(H, c, mu, case, _POLISHING_STEPS, 1e-3 * _CLOSE, SHIFT, start)
+        hold_cases(compliant, c, mu, case, _POLISHING_STEPS, 1e-3 * _CLOSE, SHIFT, start)
     for i in range(len(b)):
         p[i] = start[i]
-    return hold_rigid(G, b, mu, case, independent, 0.1 * limit, p)
+    return hold_rigid(law, b, mu, case, independent, 0.1 * limit, p)
 
 
-@kernel("f8(f8[:,::1], f8[::1], f8[::1], f8, b1, b1, f8[::1], f8[::1])")
+@kernel("f8(Delassus, f8[::1], f8[::1], f8, b1, b1, f8[::1], f8[::1])")
 def solve_coulomb(
-    G: Array, b: Array, mu: Array, limit: float, independent: bool, started: bool, start: Array, p: Array
+    law: Delassus, b: Array, mu: Array, limit: float, independent: bool, started: bool, start: Array, p: Array
 ) -> float:
     """Write percussions that satisfy Coulomb's law with u = G p + b; return `coulomb_defect` relative to the largest b.
 
     Parameters
     ----------
-    G : ndarray, shape (n, n), n = 3 m
-        Positive semidefinite with unit normal entries, symmetric but for contacts that are bounded by others.
+    law : Delassus
+        Of n = 3 m rows.
     b : ndarray, shape (n,)
         Velocities of the contacts without percussions.
     mu : ndarray, shape (m,)
@@ -155,10 +157,7 @@ def solve_coulomb(
     p : ndarray, shape (n,)
         Receives the percussions.
     """
-    n, H = len(b), G.copy()
-    for i in range(n):
-        H[i, i] += COMPLIANCE
-    residual = solve_softened(G, b, H, b, mu, limit, independent, started, start, p)
+    residual = solve_softened(law, b, soften(law, COMPLIANCE), b, mu, limit, independent, started, start, p)
     if residual > limit:
-        residual = improve_coulomb(G, b, mu, independent, residual, limit, start, p)
+        residual = improve_coulomb(law, b, mu, independent, residual, limit, start, p)
     return residual

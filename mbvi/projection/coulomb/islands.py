@@ -8,6 +8,7 @@ from ...compiled import kernel
 from ..metric import Array
 from ..sparse.sparse_islands import sort_by_island
 from .law import bind
+from .newton.directions import Delassus, without_rows
 from .quick import MOST_NEWTON, quick_coulomb
 from .rescue import proximal_newton, sweeps_and_newton
 from .sweeps import accelerated_contacts, contacts_residual, proximal_contacts
@@ -26,26 +27,24 @@ _AT_REST = 3e-3
 _EXACT, _FINE = 1e-10, 1e-5
 
 
-@kernel("void(f8[::1], u4[::1], u4[::1], i8[::1], f8[::1], f8[:,::1])")
-def delassus_of(blocks: Array, columns: Array, starts: Array, bound: Array, z: Array, G: Array) -> None:
-    """Write G = A' A of packed contacts, shape (3 m, 3 m); z, shape (n,), is overwritten.
-
-    The other arguments are those of `coulomb_sweeps.sweep_blocks`.
-    """
-    for j in range(len(z)):
-        z[j] = 0.0
-    for i in range(len(G)):
-        a, row = i // 3, i % 3
+@kernel("Delassus(f8[::1], u4[::1], u4[::1], i8[::1], i8)")
+def delassus_of(blocks: Array, columns: Array, starts: Array, bound: Array, width: int) -> Delassus:
+    """Return the matrix of packed contacts that have so many columns; see `sweeps.sweep_blocks`."""
+    m, plain = len(bound), True
+    G, W = np.empty((3 * m, 3 * m)), np.zeros((3 * m, width))
+    for a in range(m):
+        plain = plain and bound[a] < 0
         for k in range(starts[a], starts[a + 1]):
-            z[columns[k]] = blocks[3 * k + row]
-        for c in range(len(G)):
+            for row in range(3):
+                W[3 * a + row, columns[k]] = blocks[3 * k + row]
+    for i in range(3 * m):
+        for c in range(3 * m):
             product = 0.0
             for k in range(starts[c // 3], starts[c // 3 + 1]):
-                product += blocks[3 * k + c % 3] * z[columns[k]]
+                product += blocks[3 * k + c % 3] * W[i, columns[k]]
             G[i, c] = product
-        for k in range(starts[a], starts[a + 1]):
-            z[columns[k]] = 0.0
     bind(bound, G)
+    return Delassus(G, W, W, np.ones(m), 0.0) if plain else without_rows(G)
 
 
 @kernel("f8(f8[::1], u4[::1], u4[::1], f8[:,::1], f8[::1], f8[::1], i8[::1], i8, f8, f8[::1], f8[::1])")
@@ -74,9 +73,8 @@ def solve_contacts(
     if attempted and known > 0 and not fine:
         attempted = contacts_residual(blocks, columns, starts, b, mu, bound, p, z, np.empty(n)) <= _AT_REST * largest
     if attempted:
-        G = np.empty((n, n))
-        delassus_of(blocks, columns, starts, bound, z, G)
-        if quick_coulomb(G, b, mu, _EXACT, p) <= _EXACT:
+        law = delassus_of(blocks, columns, starts, bound, len(z))
+        if quick_coulomb(law, b, mu, _EXACT, p) <= _EXACT:
             return contacts_residual(blocks, columns, starts, b, mu, bound, p, z, np.empty(n))
     residual = accelerated_contacts(blocks, columns, starts, local, b, mu, bound, target, _SWEEPS, z, p)
     if residual > target:
@@ -84,11 +82,10 @@ def solve_contacts(
         most = min(max(int(_WORK / (2.0 * max(len(blocks), 1))), _FEWEST_SWEEPS), _PROXIMAL_SWEEPS)
         residual = proximal_contacts(blocks, columns, starts, local, b, mu, bound, target, most, z, p)
     if residual > target and len(mu) <= _MOST_DENSE:
-        G = np.empty((n, n))
-        delassus_of(blocks, columns, starts, bound, z, G)
-        residual = largest * proximal_newton(G, b, mu, 0.5 * target / largest, p)
+        law = delassus_of(blocks, columns, starts, bound, len(z))
+        residual = largest * proximal_newton(law, b, mu, 0.5 * target / largest, p)
         if residual > target:
-            residual = largest * sweeps_and_newton(G, b, mu, 0.5 * target / largest, p)
+            residual = largest * sweeps_and_newton(law, b, mu, 0.5 * target / largest, p)
     return residual
 
 

@@ -8,7 +8,9 @@ from ...compiled import kernel
 from ..metric import Array
 from ..row_speeds import row_speeds
 from .few_contacts import MOST_CONTACTS, couples_weakly, independent_rows, solve_coulomb
-from .newton import STICK, find_cases, resume_newton, tangential_scale
+from .newton.cases import STICK, find_cases, tangential_scale
+from .newton.directions import Delassus, without_rows
+from .newton.iterations import resume_newton
 from .one_contact import closing_order, coulomb_defect, sweep_contacts
 from .quick import MOST_NEWTON, quick_coulomb
 from .sticking.carried import diagonal_blocks, list_columns, solve_carried
@@ -175,25 +177,27 @@ def set_bounds(mu: Array, bound: Array, b: Array, p: Array) -> None:
             p[3 * a] = p[3 * bound[a]]
 
 
-@kernel("b1(f8[:,::1], f8[::1], f8[::1], i8[::1], i8, f8, f8[::1], f8[::1])")
-def solve_scaled(G: Array, b: Array, mu: Array, bound: Array, known: int, limit: float, soft: Array, p: Array) -> bool:
+@kernel("b1(Delassus, f8[::1], f8[::1], i8[::1], i8, f8, f8[::1], f8[::1])")
+def solve_scaled(
+    law: Delassus, b: Array, mu: Array, bound: Array, known: int, limit: float, soft: Array, p: Array
+) -> bool:
     """Write percussions p of the law for scaled rows; return whether they are known to be unique.
 
     Parameters
     ----------
-    G, b, mu, limit
-        See `coulomb.solve_coulomb`.
+    law, b, mu, limit
+        See `few_contacts.solve_coulomb`.
     bound, known
         See `coulomb_law`.
     soft, p : ndarray, shape (n,)
         Percussions to start from, of which p is a copy. Where the answer is not unique, `soft` receives those of
         compliant contacts.
     """
-    m, contacts = len(mu), 0
+    G, m, contacts = law.G, len(mu), 0
     for a in range(m):
         contacts += mu[a] >= 0.0
     if contacts > MOST_CONTACTS or m > MOST_NEWTON:
-        if m > MOST_NEWTON or not quick_coulomb(G, b, mu, limit, p) <= limit:
+        if m > MOST_NEWTON or not quick_coulomb(law, b, mu, limit, p) <= limit:
             order = np.empty(m, np.int64)
             closing_order(b, order)
             sweep_contacts(G, b, mu, order, min(_MOST_SWEEPS, int(_WORK / G.size)), limit, p)
@@ -202,10 +206,10 @@ def solve_scaled(G: Array, b: Array, mu: Array, bound: Array, known: int, limit:
     unique = independent and weak
     residual = np.inf
     if unique and known != NOTHING:
-        residual = resume_newton(G, b, mu, _RESUMED_STEPS, limit, p)
+        residual = resume_newton(law, b, mu, _RESUMED_STEPS, limit, p)
     # written so that a NaN is refused too
     if not residual <= limit:
-        solve_coulomb(G, b, mu, limit, independent, weak and known == COMPLIANT, soft, p)
+        solve_coulomb(law, b, mu, limit, independent, weak and known == COMPLIANT, soft, p)
     return unique
 
 
@@ -281,7 +285,10 @@ def law_of_all(
         set_bounds(mu, bound, b, p)
         for i in range(n):
             soft[i] = p[i]
-        unique = solve_scaled(G, b, cone, bound, known, limit, soft, p)
+        law, plain = Delassus(G, J, A, scale, 0.0), True
+        for a in range(m):
+            plain = plain and bound[a] < 0
+        unique = solve_scaled(law if plain else without_rows(G), b, cone, bound, known, limit, soft, p)
         # the residual shall be that of the percussions which bound others
         set_bounds(mu, bound, b, p)
         residual = apply_percussions(J, A, x, lower, cone, bound, scale, p, u, w, table) / largest

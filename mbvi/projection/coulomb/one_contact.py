@@ -68,11 +68,20 @@ def coulomb_defect(u: Array, p: Array, mu: Array) -> float:
 @kernel("f8(f8[:,::1], f8[::1], f8[::1], f8[::1])")
 def contact_velocities(G: Array, b: Array, p: Array, u: Array) -> float:
     """Write u = G p + b, all of shape (n,), and return the largest magnitude of an entry of b."""
-    n, largest = len(b), 0.0
-    for i in range(0, n, 3):
-        # three sums side by side wait less for each other
+    n, largest, even = len(b), 0.0, len(b) - len(b) % 6
+    for i in range(n):
+        largest = max(largest, abs(b[i]))
+    # sums side by side wait less for each other
+    for i in range(0, even, 6):
+        x, y, z, r, s, t = b[i], b[i + 1], b[i + 2], b[i + 3], b[i + 4], b[i + 5]
+        for j in range(n):
+            q = p[j]
+            if q != 0.0:
+                x, y, z = x + G[i, j] * q, y + G[i + 1, j] * q, z + G[i + 2, j] * q
+                r, s, t = r + G[i + 3, j] * q, s + G[i + 4, j] * q, t + G[i + 5, j] * q
+        u[i], u[i + 1], u[i + 2], u[i + 3], u[i + 4], u[i + 5] = x, y, z, r, s, t
+    for i in range(even, n, 3):
         x, y, z = b[i], b[i + 1], b[i + 2]
-        largest = max(largest, abs(x), abs(y), abs(z))
         for j in range(n):
             q = p[j]
             if q != 0.0:

@@ -7,9 +7,9 @@ import numpy as np
 from ...compiled import kernel
 from ..metric import Array
 from .few_contacts import couples_weakly
-from .newton import SHIFT, find_cases, newton_coulomb, resume_newton, tangential_scale
-from .one_contact import contact_velocities
-from .rescue import COMPLIANCE, RIGID, hold_rigid, keep_better
+from .newton.directions import Delassus, soften
+from .newton.iterations import SHIFT, newton_coulomb, resume_newton
+from .rescue import COMPLIANCE, RIGID, hold_as_compliant, keep_better
 
 # contacts up to which it is tried, and up to which it begins anew where it fails from the last percussions
 MOST_NEWTON, _MOST_RESTARTED = 128, 64
@@ -32,8 +32,8 @@ def clip_to_cones(mu: Array, p: Array) -> None:
             p[i + 1], p[i + 2] = p[i + 1] * (bound / across), p[i + 2] * (bound / across)
 
 
-@kernel("f8(f8[:,::1], f8[::1], f8[::1], f8, f8[::1])")
-def quick_coulomb(G: Array, b: Array, mu: Array, limit: float, p: Array) -> float:
+@kernel("f8(Delassus, f8[::1], f8[::1], f8, f8[::1])")
+def quick_coulomb(law: Delassus, b: Array, mu: Array, limit: float, p: Array) -> float:
     """Write percussions that satisfy Coulomb's law with u = G p + b; return the residual, inf where they are not found.
 
     As `solve_coulomb`, but by Newton's method alone. Compliance falls by decades where the cases of compliant contacts
@@ -41,43 +41,38 @@ def quick_coulomb(G: Array, b: Array, mu: Array, limit: float, p: Array) -> floa
 
     Parameters
     ----------
-    G, b, mu, limit
+    law, b, mu, limit
         See `solve_coulomb`.
     p : ndarray, shape (n,)
         Percussions of the last problem like this, or zeros; receives those of this one, if they are found.
     """
     n, m = len(b), len(mu)
-    case, H, u, scale = np.empty(m, np.int64), G.copy(), np.empty(n), np.empty(m)
     soft, trial, found, started = p.copy(), np.empty(n), np.inf, False
     for i in range(n):
         started = started or p[i] != 0.0
     # where it may begin anew it may also fail once
     failures, compliance = 0 if started and m > _MOST_RESTARTED else -1, COMPLIANCE
-    if started and not couples_weakly(G, mu):
+    if started and not couples_weakly(law.G, mu):
         started = False
         for i in range(n):
             soft[i] = 0.0
     while compliance > RIGID:
-        for i in range(n):
-            H[i, i] = G[i, i] + compliance
+        compliant = soften(law, compliance)
         if compliance < COMPLIANCE:
-            found = newton_coulomb(H, b, mu, _STIFFER_STEPS, _CLOSE, 1e-2 * SHIFT, 3, soft)
+            found = newton_coulomb(compliant, b, mu, _STIFFER_STEPS, _CLOSE, 1e-2 * SHIFT, 3, soft)
         else:
             if started:
-                found = resume_newton(H, b, mu, _RESUMED_STEPS, _CLOSE, soft)
+                found = resume_newton(compliant, b, mu, _RESUMED_STEPS, _CLOSE, soft)
             if not started or (m <= _MOST_RESTARTED and not found <= _CLOSE):
                 for i in range(n):
                     soft[i] = 0.0
-                found = newton_coulomb(H, b, mu, _STEPS, _CLOSE, SHIFT, 3, soft)
+                found = newton_coulomb(compliant, b, mu, _STEPS, _CLOSE, SHIFT, 3, soft)
         # written so that a NaN fails too
         failures += not found <= _CLOSE
         if failures > 0:
             break
-        contact_velocities(H, b, soft, u)
-        tangential_scale(H, scale)
-        find_cases(u, soft, mu, scale, case)
         keep_better(soft, 0.0, 1.0, trial)
-        found = hold_rigid(G, b, mu, case, False, 0.1 * limit, trial)
+        found = hold_as_compliant(law, compliant, b, mu, False, 0.1 * limit, trial)
         if found <= limit:
             clip_to_cones(mu, trial)
             return keep_better(trial, found, np.inf, p)

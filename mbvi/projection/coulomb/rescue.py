@@ -6,7 +6,9 @@ import numpy as np
 
 from ...compiled import kernel
 from ..metric import Array
-from .newton import SHIFT, find_cases, hold_cases, newton_coulomb, tangential_scale
+from .newton.cases import find_cases, tangential_scale
+from .newton.directions import Delassus, soften
+from .newton.iterations import SHIFT, hold_cases, newton_coulomb
 from .one_contact import closing_order, contact_velocities, coulomb_defect, sweep_contacts
 
 # compliance of every contact, relative to its own G_nn, whose answer is followed to rigid contacts; the least, and the
@@ -52,21 +54,21 @@ def keep_better(trial: Array, residual: float, best: float, p: Array) -> float:
     return best
 
 
-@kernel("f8(f8[:,::1], f8[::1], f8[::1], f8, f8[::1])")
-def proximal_newton(G: Array, b: Array, mu: Array, limit: float, p: Array) -> float:
+@kernel("f8(Delassus, f8[::1], f8[::1], f8, f8[::1])")
+def proximal_newton(law: Delassus, b: Array, mu: Array, limit: float, p: Array) -> float:
     """Improve percussions by proximal point iterations with Newton's method inside; return the residual.
 
     The arguments are those of `newton_coulomb`; p is the start and receives the best found. Each iteration solves the
     law with G + weight I and b - weight p. A large weight decouples the contacts.
     """
     n = len(b)
-    H, c, u, point = G.copy(), np.empty(n), np.empty(n), p.copy()
+    c, u, point = np.empty(n), np.empty(n), p.copy()
     best, weight = np.inf, _WEIGHT
     for _ in range(_MOST_PROXIMAL):
         for i in range(n):
-            H[i, i], c[i] = G[i, i] + weight, b[i] - weight * point[i]
-        newton_coulomb(H, c, mu, 15, 1e-3 * limit if weight < 1e-5 else 1e-6, SHIFT, 3, point)
-        largest = contact_velocities(G, b, point, u)
+            c[i] = b[i] - weight * point[i]
+        newton_coulomb(soften(law, weight), c, mu, 15, 1e-3 * limit if weight < 1e-5 else 1e-6, SHIFT, 3, point)
+        largest = contact_velocities(law.G, b, point, u)
         best = keep_better(point, coulomb_defect(u, point, mu) / largest, best, p)
         if best <= limit:
             break
@@ -74,8 +76,8 @@ def proximal_newton(G: Array, b: Array, mu: Array, limit: float, p: Array) -> fl
     return best
 
 
-@kernel("f8(f8[:,::1], f8[::1], f8[::1], f8, f8[::1])")
-def sweeps_and_newton(G: Array, b: Array, mu: Array, limit: float, p: Array) -> float:
+@kernel("f8(Delassus, f8[::1], f8[::1], f8, f8[::1])")
+def sweeps_and_newton(law: Delassus, b: Array, mu: Array, limit: float, p: Array) -> float:
     """Improve percussions by ever more sweeps, each time with Newton's method after them; return the residual.
 
     The arguments are those of `newton_coulomb`; p is the start and receives the best found.
@@ -84,12 +86,12 @@ def sweeps_and_newton(G: Array, b: Array, mu: Array, limit: float, p: Array) -> 
     closing_order(b, order)
     best, sweeps = np.inf, _FIRST_SWEEPS
     for _ in range(_ROUNDS):
-        best = keep_better(swept, sweep_contacts(G, b, mu, order, sweeps, limit, swept), best, p)
+        best = keep_better(swept, sweep_contacts(law.G, b, mu, order, sweeps, limit, swept), best, p)
         if best <= limit:
             break
         keep_better(swept, 0.0, 1.0, trial)
         steps = min(max(_FEW_STEPS, sweeps // _SWEEPS_A_STEP), _STEPS)
-        residual = newton_coulomb(G, b, mu, steps, limit, SHIFT, _REMEMBERED, trial)
+        residual = newton_coulomb(law, b, mu, steps, limit, SHIFT, _REMEMBERED, trial)
         best = keep_better(trial, residual, best, p)
         if best <= limit:
             break
@@ -97,15 +99,15 @@ def sweeps_and_newton(G: Array, b: Array, mu: Array, limit: float, p: Array) -> 
     return best
 
 
-@kernel("f8(f8[:,::1], f8[::1], f8[::1], f8, i8, f8[::1])")
-def newton_in_rounds(G: Array, b: Array, mu: Array, limit: float, attempt: int, p: Array) -> float:
+@kernel("f8(Delassus, f8[::1], f8[::1], f8, i8, f8[::1])")
+def newton_in_rounds(law: Delassus, b: Array, mu: Array, limit: float, attempt: int, p: Array) -> float:
     """Improve percussions by rounds of Newton's method as long as they gain digits; return the residual.
 
     Where rows depend on each other, steps may go on without end, between residuals just above the limit or far above.
 
     Parameters
     ----------
-    G, b, mu, limit
+    law, b, mu, limit
         See `newton_coulomb`.
     attempt : int
         The number of the shift of dependent rows.
@@ -114,7 +116,7 @@ def newton_in_rounds(G: Array, b: Array, mu: Array, limit: float, attempt: int, 
     """
     trial, best, fruitless = p.copy(), np.inf, 0
     for _ in range(_STEPS // _ROUND):
-        last, residual = best, newton_coulomb(G, b, mu, _ROUND, limit, _SHIFTS[attempt], _REMEMBERED, trial)
+        last, residual = best, newton_coulomb(law, b, mu, _ROUND, limit, _SHIFTS[attempt], _REMEMBERED, trial)
         best = keep_better(trial, residual, best, p)
         fruitless = 0 if best < _LEFT * last else fruitless + 1
         if best <= limit or fruitless >= (_FRUITLESS[0] if best <= _SOLVED else _FRUITLESS[attempt]):
@@ -122,58 +124,76 @@ def newton_in_rounds(G: Array, b: Array, mu: Array, limit: float, attempt: int, 
     return best
 
 
-@kernel("f8(f8[:,::1], f8[::1], f8[::1], i8[::1], b1, f8, f8[::1])")
-def hold_rigid(G: Array, b: Array, mu: Array, case: Array, independent: bool, limit: float, p: Array) -> float:
+@kernel("f8(Delassus, f8[::1], f8[::1], i8[::1], b1, f8, f8[::1])")
+def hold_rigid(law: Delassus, b: Array, mu: Array, case: Array, independent: bool, limit: float, p: Array) -> float:
     """Solve the equations of given cases, of dependent rows with ever smaller shifts; return the residual.
 
     Parameters
     ----------
-    G, b, mu, case, limit, p
+    law, b, mu, case, limit, p
         See `hold_cases`.
     independent : bool
         Whether rows are independent.
     """
     shift, last = 0.0 if independent else _HELD_SHIFT, np.inf
-    residual = hold_cases(G, b, mu, case, _HELD_STEPS, limit, shift, p)
+    residual = hold_cases(law, b, mu, case, _HELD_STEPS, limit, shift, p)
     # where a smaller shift gains nothing, the cases are not those of the answer
     while residual > limit and shift > 1e-3 * SHIFT and residual < _GAIN * last:
         shift, last = 0.1 * shift, residual
-        residual = hold_cases(G, b, mu, case, _HELD_STEPS, limit, shift, p)
+        residual = hold_cases(law, b, mu, case, _HELD_STEPS, limit, shift, p)
     return residual
 
 
-@kernel("f8(f8[:,::1], f8[::1], f8[::1], b1, f8, f8, f8[::1])")
-def stiffen(G: Array, b: Array, mu: Array, independent: bool, compliance: float, limit: float, p: Array) -> float:
+@kernel("f8(Delassus, Delassus, f8[::1], f8[::1], b1, f8, f8[::1])")
+def hold_as_compliant(
+    law: Delassus, compliant: Delassus, b: Array, mu: Array, independent: bool, limit: float, p: Array
+) -> float:
+    """Solve the equations of the cases of compliant contacts, whose percussions p holds; return the residual.
+
+    The other arguments are those of `hold_rigid`.
+    """
+    u, scale, case = np.empty(len(b)), np.empty(len(mu)), np.empty(len(mu), np.int64)
+    contact_velocities(compliant.G, b, p, u)
+    tangential_scale(compliant.G, scale)
+    find_cases(u, p, mu, scale, case)
+    return hold_rigid(law, b, mu, case, independent, limit, p)
+
+
+@kernel("f8(Delassus, f8[::1], f8[::1], b1, b1, f8, f8, f8[::1])")
+def stiffen(
+    law: Delassus, b: Array, mu: Array, independent: bool, patient: bool, compliance: float, limit: float, p: Array
+) -> float:
     """Follow the answer of compliant contacts as they get stiffer; write the best found and return its residual.
 
     Where percussions grow as compliance falls, as where the law has no solution, this ends with `UNBOUNDED`.
 
     Parameters
     ----------
-    G, b, mu, limit
+    law, b, mu, limit
         See `newton_coulomb`.
     independent : bool
         Whether rows are independent.
+    patient : bool
+        Whether to go on by sweeps where Newton's method does not solve the law of compliant contacts soon; else this
+        ends there.
     compliance : float
         That of the contacts whose percussions p holds.
     p : ndarray, shape (n,)
         See `compliance`; receives the best found.
     """
-    n, m = len(b), len(mu)
-    H, u, scale, case = G.copy(), np.empty(n), np.empty(m), np.empty(m, np.int64)
+    n = len(b)
     soft, trial, best = p.copy(), np.empty(n), np.inf
     size, growths = np.inf, 0
     while compliance > RIGID and best > _SOLVED:
         compliance *= _STIFFER
-        for i in range(n):
-            H[i, i] = G[i, i] + compliance
-        if newton_coulomb(H, b, mu, _STEPS, _CLOSE, 1e-2 * SHIFT, _REMEMBERED, soft) > _CLOSE:
-            sweeps_and_newton(H, b, mu, _CLOSE, soft)
-        contact_velocities(H, b, soft, u)
-        tangential_scale(H, scale)
-        find_cases(u, soft, mu, scale, case)
+        compliant = soften(law, compliance)
+        steps = _STEPS if patient else _FEW_STEPS
+        if newton_coulomb(compliant, b, mu, steps, _CLOSE, 1e-2 * SHIFT, _REMEMBERED, soft) > _CLOSE:
+            if not patient:
+                break
+            sweeps_and_newton(compliant, b, mu, _CLOSE, soft)
         keep_better(soft, 0.0, 1.0, trial)
-        best = keep_better(trial, hold_rigid(G, b, mu, case, independent, limit, trial), best, p)
+        best = keep_better(trial, hold_as_compliant(law, compliant, b, mu, independent, limit, trial), best, p)
         last, size = size, 0.0
         for i in range(n):
             size = max(size, abs(soft[i]))
@@ -183,15 +203,15 @@ def stiffen(G: Array, b: Array, mu: Array, independent: bool, compliance: float,
     return best
 
 
-@kernel("f8(f8[:,::1], f8[::1], f8[::1], b1, f8, f8, f8[::1], f8[::1])")
+@kernel("f8(Delassus, f8[::1], f8[::1], b1, f8, f8, f8[::1], f8[::1])")
 def improve_coulomb(
-    G: Array, b: Array, mu: Array, independent: bool, residual: float, limit: float, soft: Array, p: Array
+    law: Delassus, b: Array, mu: Array, independent: bool, residual: float, limit: float, soft: Array, p: Array
 ) -> float:
     """Improve percussions of a given residual by one method after the other; return the residual reached.
 
     Parameters
     ----------
-    G, b, mu, limit
+    law, b, mu, limit
         See `newton_coulomb`.
     independent : bool
         Whether rows are independent.
@@ -204,27 +224,34 @@ def improve_coulomb(
     """
     trial, order = np.empty(len(b)), np.empty(len(mu), np.int64)
     newton = len(_SHIFTS)
-    for attempt in range(newton + 4):
-        if residual <= limit or (residual <= _SOLVED and attempt != newton - 1):
-            continue
-        keep_better(soft if attempt == newton + 1 else p, 0.0, 1.0, trial)
+    for attempt in range(newton + 5):
+        if residual <= _SOLVED:
+            break
+        keep_better(soft if attempt == newton + 1 or attempt == newton + 3 else p, 0.0, 1.0, trial)
         if attempt < newton:
-            found = newton_in_rounds(G, b, mu, limit, attempt, trial)
+            found = newton_in_rounds(law, b, mu, limit, attempt, trial)
         elif attempt == newton:
             closing_order(b, order)
-            found = sweep_contacts(G, b, mu, order, _POLISHING_SWEEPS, limit, trial)
+            found = sweep_contacts(law.G, b, mu, order, _POLISHING_SWEEPS, limit, trial)
         elif attempt == newton + 1:
-            found = stiffen(G, b, mu, independent, COMPLIANCE, limit, trial)
+            found = stiffen(law, b, mu, independent, False, COMPLIANCE, limit, trial)
+            if found == UNBOUNDED:
+                continue
+        elif attempt == newton + 2:
+            found = proximal_newton(law, b, mu, limit, trial)
+        elif attempt == newton + 3:
+            found = stiffen(law, b, mu, independent, True, COMPLIANCE, limit, trial)
             if found == UNBOUNDED:
                 # very compliant contacts may be those of another answer
                 for i in range(len(p)):
                     trial[i] = 0.0
-                found = stiffen(G, b, mu, independent, _SOFT, limit, trial)
+                found = stiffen(law, b, mu, independent, True, _SOFT, limit, trial)
             if found == UNBOUNDED:
                 break
-        elif attempt == newton + 2:
-            found = sweeps_and_newton(G, b, mu, limit, trial)
         else:
-            found = proximal_newton(G, b, mu, limit, trial)
+            found = sweeps_and_newton(law, b, mu, limit, trial)
         residual = keep_better(trial, found, residual, p)
+    if limit < residual <= _SOLVED:
+        keep_better(p, 0.0, 1.0, trial)
+        residual = keep_better(trial, newton_in_rounds(law, b, mu, limit, newton - 1, trial), residual, p)
     return residual

@@ -8,7 +8,7 @@ from ...compiled import kernel
 from ..metric import Array
 from ..sparse.gram import islands
 from .law import free_speeds, law_of_all
-from .newton import OPEN
+from .newton.cases import OPEN
 from .sticking.carried import list_columns
 
 

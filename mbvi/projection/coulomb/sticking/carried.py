@@ -13,7 +13,8 @@ import numpy as np
 from ....compiled import kernel
 from ...metric import Array
 from ..few_contacts import couples_weakly, independent_rows, solve_softened
-from ..newton import resume_newton
+from ..newton.directions import without_rows
+from ..newton.iterations import resume_newton
 from ..rescue import COMPLIANCE
 from .condensed import condense, invert, part_rows, uncarried
 
@@ -151,13 +152,13 @@ def solve_others(
     if not closing:
         return False, False
     x, unique = q.copy(), independent_rows(G, cone, np.full(n // 3, -1))
-    if n == 0 or (unique and was_unique and resume_newton(G, c, cone, _RESUMED_STEPS, limit, q) <= limit):
+    if n == 0 or (unique and was_unique and resume_newton(without_rows(G), c, cone, _RESUMED_STEPS, limit, q) <= limit):
         uncarried(U, B, inverses, K, y, theirs, place, q, p)
         return True, unique
     softer, L, z, H, d = np.empty(own.shape), np.empty((s, s)), np.empty(s), np.empty((n, n)), np.empty(n)
     if not condense(U, V, R, B, own, rest, COMPLIANCE, theirs, others, softer, L, z, H, d):
         return False, False
-    solve_softened(G, c, H, d, cone, limit, unique, not was_unique, x, q)
+    solve_softened(without_rows(G), c, without_rows(H), d, cone, limit, unique, not was_unique, x, q)
     uncarried(U, B, inverses, K, y, theirs, place, q, p)
     uncarried(U, B, softer, L, z, theirs, place, x, soft)
     for a in range(len(mu)):

@@ -8,7 +8,7 @@ import numpy as np
 
 from ....errors import ProjectionError
 from ....projection.coulomb.friction import project_frictional
-from ....projection.coulomb.newton import OPEN, STICK
+from ....projection.coulomb.newton.cases import OPEN, STICK
 from ....system.system import Array
 from ..finding.release_events import OPENS
 from .modes import ModeEquations
