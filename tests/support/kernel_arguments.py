@@ -248,7 +248,8 @@ def least_norm(rng):
     count = rank + int(rng.integers(0, 5))
     B = rng.normal(size=(count + 1, rank + 1))
     b = (rng.random(count) * (rng.random(count) < 0.7)) @ B[:count, :rank]
-    return B, count, rank, np.append(b, 0.0), np.zeros(count + 1)
+    # a start, or none
+    return B, count, rank, np.append(b, 0.0), (rng.random() < 0.5) * (rng.random(count + 1) - 0.3)
 
 
 def newton_step(rng):
@@ -263,7 +264,8 @@ def share(rng):
     signs, L, Q = np.sign(R.diagonal()), np.zeros((4, 4)), np.zeros((4, 3))
     L[:3, :3], Q[:3] = (R * signs[:, None]).T, (basis * signs).T
     z, slack = (rng.random(4) + 0.1) @ W, np.array([0.0, 0.0, 0.0, rng.choice([0.0, 1.0])])
-    return W, slack, 1e-13, np.array([0, 1, 2, -1]), 3, L, Q, z, np.zeros(4)
+    last = rng.random(4) * (rng.random(4) < 0.7) if rng.random() < 0.5 else np.zeros(0)
+    return W, slack, 1e-13, np.array([0, 1, 2, -1]), 3, L, Q, z, last, np.zeros(4)
 
 
 def solve_active_set(rng):

@@ -85,7 +85,7 @@ def _solved(A: Array, d: Array, rounding: float) -> Candidate | None:
     percussion, shared = np.zeros(m), np.empty(m)
     percussion[S[:size]] = u[:size]
     # rows that depend on each other share percussions where that leads to the same velocity
-    if share(W, slack, rounding, S, size, L, Q, z, shared):
+    if share(W, slack, rounding, S, size, L, Q, z, shared[:0], shared):
         off = [np.abs(A @ u - z).max(initial=0.0) for u in (percussion, shared)]
         if off[1] <= off[0] + ROUNDING:
             percussion = shared

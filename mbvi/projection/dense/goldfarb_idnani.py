@@ -10,6 +10,7 @@ import numpy as np
 
 from ...compiled import kernel
 from ..metric import Array
+from ..row_speeds import row_speeds
 from .orthonormal_rows import append_row, remove_row, solve_lower, solve_upper
 
 # a row nearer than this to the span of the active ones depends on them; one farther than the second may start the set
@@ -114,13 +115,11 @@ def goldfarb_idnani(
         for k in range(n):
             norm += z[k] * z[k]
         worst = -rounding - LAST_DIGITS * np.sqrt(norm)
+        row_speeds(W, z, 1.0, slack)
         for a in range(m):
-            s = -d[a]
-            for k in range(n):
-                s += W[a, k] * z[k]
-            slack[a] = s
-            if s < worst and not active[a]:
-                entering, worst = a, s
+            slack[a] -= d[a]
+            if slack[a] < worst and not active[a]:
+                entering, worst = a, slack[a]
         if entering < 0:
             return size, 0.0
         violation = -slack[entering]

@@ -40,14 +40,25 @@ def append_row(row: Array, size: int, least: float, L: Array, Q: Array) -> float
     for j in range(size):
         L[size, j] = 0.0
     after = before
+    fours = size - size % 4
     for _ in range(3):
-        for j in range(size):
-            s = 0.0
+        # sums side by side wait less for each other
+        for j in range(0, fours, 4):
+            a = b = c = d = 0.0
             for k in range(n):
-                s += Q[j, k] * Q[size, k]
-            L[size, j] += s
+                x = Q[size, k]
+                a, b, c, d = a + Q[j, k] * x, b + Q[j + 1, k] * x, c + Q[j + 2, k] * x, d + Q[j + 3, k] * x
+            L[size, j], L[size, j + 1] = L[size, j] + a, L[size, j + 1] + b
+            L[size, j + 2], L[size, j + 3] = L[size, j + 2] + c, L[size, j + 3] + d
             for k in range(n):
-                Q[size, k] -= s * Q[j, k]
+                Q[size, k] -= a * Q[j, k] + b * Q[j + 1, k] + c * Q[j + 2, k] + d * Q[j + 3, k]
+        for j in range(fours, size):
+            a = 0.0
+            for k in range(n):
+                a += Q[j, k] * Q[size, k]
+            L[size, j] += a
+            for k in range(n):
+                Q[size, k] -= a * Q[j, k]
         after = 0.0
         for k in range(n):
             after += Q[size, k] * Q[size, k]

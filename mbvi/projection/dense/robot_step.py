@@ -102,12 +102,9 @@ def natural_residual(
             for k in range(n):
                 w[k] += table[0, a] * A[a, k]
     residual = 0.0
+    row_speeds(J, w, 1.0, table[2])
     for a in range(m):
-        speed = 0.0
-        for k in range(n):
-            speed += J[a, k] * w[k]
-        table[2, a] = speed
-        slack[a] = (speed - lower[a]) / lengths[a]
+        slack[a] = (table[2, a] - lower[a]) / lengths[a]
         off = abs(min(u[a], slack[a])) / largest
         # written so that a NaN stays
         if not off <= residual and residual == residual:
@@ -220,7 +217,7 @@ def solve_active_set(
     size, contradiction = goldfarb_idnani(W, d, tight, size, S, L, Q, part, z, slack)
     if size < 0:
         return -contradiction / largest
-    shared = share(W, slack, tight, S, size, L, Q, z, u)
+    shared = share(W, slack, tight, S, size, L, Q, z, last, u)
     while True:
         if not shared:
             for a in range(m):

@@ -17,8 +17,8 @@ from .orthonormal_rows import append_row, solve_lower, solve_upper
 _DEPENDENT, _INDEPENDENT = 1e-12, 1e-4
 # least pivot, and limits of steps and of halvings
 _LEAST, _MOST_STEPS, _MOST_HALVINGS = 1e-14, 50, 30
-# diagonal added after the first step, relative to the error
-_DAMPING = 1e-2
+# diagonal added after the first step, relative to the root of the relative error
+_DAMPING = 1e-4
 
 
 @kernel("void(f8[:,::1], f8[::1], i8, i8, f8, f8[:,::1], f8[::1])")
@@ -56,7 +56,8 @@ def newton_step(B: Array, u: Array, count: int, rank: int, shift: float, N: Arra
 def least_norm(B: Array, count: int, rank: int, b: Array, u: Array) -> bool:
     """Write the u >= 0 of least norm with B' u = b; return False if it is not found.
 
-    u is the positive part of B y, where y minimises |max(B y, 0)|^2 / 2 - b' y: Newton's method with halved steps.
+    u is the positive part of B y, where y minimises |max(B y, 0)|^2 / 2 - b' y: Newton's method with halved steps. The
+    first step takes those rows for positive of which u is; where that does not end it, it begins with all rows.
 
     Parameters
     ----------
@@ -65,25 +66,31 @@ def least_norm(B: Array, count: int, rank: int, b: Array, u: Array) -> bool:
     count, rank : int
         See B.
     b, u : ndarray, shapes (n,), (m,)
-        Right-hand side; receives the result.
+        Right-hand side; a start, which receives the result.
     """
+    guessed = False
+    for a in range(count):
+        guessed = guessed or u[a] > 0.0
     N, y, step, right = np.empty((rank, rank)), np.empty(rank), np.empty(rank), np.empty(rank)
     tried, gradient = np.empty(count), np.empty(rank)
     value = size = shift = rounding = off = trial = 0.0
     for i in range(rank):
-        y[i], right[i] = 0.0, b[i]
         size = max(size, abs(b[i]))
-    for a in range(count):
-        # all rows in the first step: the least norm of any sign
-        u[a] = 1.0
-    for _ in range(_MOST_STEPS):
+    for attempt in range(_MOST_STEPS):
+        if attempt == 0 or (attempt == 1 and guessed):
+            # all rows in the first step: the least norm of any sign
+            for a in range(count):
+                u[a] = u[a] if attempt == 0 and guessed else 1.0
+            for i in range(rank):
+                y[i], right[i] = 0.0, b[i]
+            value = shift = 0.0
         slope, length = 0.0, 1.0
         for i in range(rank):
             step[i] = right[i]
         newton_step(B, u, count, rank, shift, N, step)
         for i in range(rank):
             slope -= right[i] * step[i]
-        for _ in range(_MOST_HALVINGS):
+        for _ in range(1 if attempt == 0 and guessed else _MOST_HALVINGS):
             trial = off = terms = 0.0
             for i in range(rank):
                 trial -= b[i] * (y[i] + length * step[i])
@@ -110,12 +117,14 @@ def least_norm(B: Array, count: int, rank: int, b: Array, u: Array) -> bool:
             u[a] = tried[a]
         if off <= rounding:
             return True
-        value, shift = trial, _DAMPING * off / size
+        value, shift = trial, _DAMPING * np.sqrt(off / size)
     return False
 
 
-@kernel("b1(f8[:,::1], f8[::1], f8, i8[::1], i8, f8[:,::1], f8[:,::1], f8[::1], f8[::1])")
-def share(W: Array, slack: Array, tight: float, S: Array, size: int, L: Array, Q: Array, z: Array, u: Array) -> bool:
+@kernel("b1(f8[:,::1], f8[::1], f8, i8[::1], i8, f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1])")
+def share(
+    W: Array, slack: Array, tight: float, S: Array, size: int, L: Array, Q: Array, z: Array, last: Array, u: Array
+) -> bool:
     """Write the percussions of least norm of all tight rows.
 
     Parameters
@@ -126,8 +135,8 @@ def share(W: Array, slack: Array, tight: float, S: Array, size: int, L: Array, Q
         W z - d.
     tight : float
         The slack up to which a row is tight.
-    u : ndarray, shape (m,)
-        Receives the percussions.
+    last, u : ndarray, shapes (m,) or (0,), and (m,)
+        Percussions of the same rows before, if any; receives the percussions.
 
     Returns
     -------
@@ -164,6 +173,8 @@ def share(W: Array, slack: Array, tight: float, S: Array, size: int, L: Array, Q
         b[i] = 0.0
         for k in range(n):
             b[i] += Q[i, k] * z[k]
+    for i in range(count):
+        part[i] = last[T[i]] if len(last) == m else 0.0
     if not least_norm(B, count, rank, b, part):
         return False
     for i in range(count):
