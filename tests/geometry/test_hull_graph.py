@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 
 from mbvi.constraints import HalfSpaceContacts
 from mbvi.geometry.narrow.spread import BESIDE, FEW_POINTS, spread_out
-from mbvi.geometry.shapes.hull_graph import neighbours, outermost
+from mbvi.geometry.shapes.hull_graph import DIRECTIONS, cell_of, guides_of, neighbours, outermost
+from mbvi.geometry.shapes.shape_table import ShapeTable, outermost_of_shape
 from mbvi.geometry.shapes.shapes import HalfSpace, Hull, PlacedShape
 from mbvi.projection import project
 from mbvi.system import FreeBodies
@@ -40,6 +41,35 @@ def test_the_climb_ends_at_the_outermost_vertex_wherever_it_begins(seed, flat):
         heights = shape.vertices @ n
         found = outermost(shape.vertices, 0, len(heights), *graph, *n.tolist(), int(rng.integers(len(heights))))
         assert heights[found] == pytest.approx(heights.max(), abs=1e-14)
+
+
+@given(seed=seeds, flat=st.booleans())
+def test_climbs_begin_near_their_end(seed, flat):
+    """Along the axes of the frame too, between cells, and along no direction at all."""
+    rng = np.random.default_rng(seed)
+    table = ShapeTable([PlacedShape(name, hull(rng, flat), 1, np.eye(3), np.zeros(3)) for name in "ab"])
+    shapes = table.pairs(np.array([[0, 1]]))
+    begin, end = shapes.first_point[1:].tolist()
+    for n in (*rng.normal(size=(20, 3)), *np.eye(3), *-np.eye(3), np.ones(3), np.array([1.0, -1.0, 0.0])):
+        heights = shapes.points[begin:end] @ n
+        found = outermost_of_shape(shapes, 1, *n.tolist(), int(rng.integers(begin, end)))
+        assert heights[found - begin] == pytest.approx(heights.max(), abs=1e-14)
+        # the point that a climb may begin at is nearly the outermost one
+        guide = shapes.guides[1, cell_of(*n.tolist())]
+        assert heights[guide - begin] >= 0.8 * heights.max() - 0.1 * np.abs(heights).max()
+    for n in ((np.nan,) * 3, (0.0,) * 3, (np.inf, -np.inf, np.nan)):
+        assert 0 <= cell_of(*n) < DIRECTIONS
+
+
+def test_guides_are_the_outermost_points_of_their_cells():
+    points = np.random.default_rng(0).normal(size=(500, 3))
+    guides = guides_of(points)
+    for n in np.random.default_rng(1).normal(size=(2000, 3)):
+        # no direction of a cell is far from its centre
+        best = points[guides[cell_of(*n.tolist())]]
+        assert best @ n >= (points @ n).max() - 2.0 * np.sin(0.15) * np.linalg.norm(points, axis=1).max() * np.sqrt(
+            n @ n
+        )
 
 
 @given(seed=seeds, flat=st.booleans(), depth=st.sampled_from([0.0, 1e-9, 1e-3, 0.1]))

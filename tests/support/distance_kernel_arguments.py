@@ -173,6 +173,15 @@ def outermost(rng):
     return s.points, *ends, s.first, s.neighbour, *unit(rng).tolist(), int(rng.integers(*ends))
 
 
+def outermost_of_shape(rng):
+    shapes, side = axes_of(rng)[0].shapes, int(rng.integers(2))
+    return shapes, side, *unit(rng).tolist(), int(rng.integers(*shapes.first_point[side : side + 2]))
+
+
+def cell_of(rng):
+    return tuple(rng.choice([-1.0, -0.3, 0.0, 0.7], size=3).tolist())
+
+
 def connected(rng):
     points, begin, end, first, neighbour, *n, start = outermost(rng)
     heights = points[begin:end] @ np.array(n)
@@ -288,6 +297,8 @@ DISTANCE_ARGUMENTS = {
     "axis_in_world": axis_in_world,
     "keep_axis": keep_axis,
     "outermost": outermost,
+    "outermost_of_shape": outermost_of_shape,
+    "cell_of": cell_of,
     "connected": connected,
     "pair_separation": pair_of,
     "first_axis": pair_of,

@@ -11,8 +11,7 @@ import numpy as np
 
 from ...arguments import Array
 from ...compiled import kernel
-from ..shapes.hull_graph import outermost
-from ..shapes.shape_table import Shapes, ShapeTable
+from ..shapes.shape_table import Shapes, ShapeTable, outermost_of_shape
 from ..vectors import dot, normalise
 
 
@@ -56,8 +55,7 @@ def reach(place: Array, n: Array, shapes: Shapes, pair: int, side: int) -> float
     x = place[0, 0] * u + place[0, 1] * v + place[0, 2] * w
     y = place[1, 0] * u + place[1, 1] * v + place[1, 2] * w
     z = place[2, 0] * u + place[2, 1] * v + place[2, 2] * w
-    begin, end = shapes.first_point[s], shapes.first_point[s + 1]
-    k = outermost(points, begin, end, shapes.first, shapes.neighbour, x, y, z, shapes.start[pair, side])
+    k = outermost_of_shape(shapes, s, x, y, z, shapes.start[pair, side])
     shapes.start[pair, side] = k
     far = points[k, 0] * x + points[k, 1] * y + points[k, 2] * z
     far += place[3, 0] * u + place[3, 1] * v + place[3, 2] * w

@@ -18,7 +18,7 @@ import numpy as np
 from ...arguments import Array
 from ...compiled import kernel
 from ..broad.separating_axis import Shapes
-from ..shapes.hull_graph import outermost
+from ..shapes.shape_table import outermost_of_shape
 from ..vectors import cross, dot, normalise
 
 # active sets that are tried, and turns within one
@@ -72,7 +72,7 @@ def lowest_difference(
         w = sign * (world[side, 2, 0] * x + world[side, 2, 1] * y + world[side, 2, 2] * z)
         begin, end = shapes.first_point[s], shapes.first_point[s + 1]
         if end - begin > 1:
-            k = outermost(points, begin, end, shapes.first, shapes.neighbour, u, v, w, start[pair, side])
+            k = outermost_of_shape(shapes, s, u, v, w, start[pair, side])
             start[pair, side] = k
             a, b, d = points[k, 0], points[k, 1], points[k, 2]
         else:

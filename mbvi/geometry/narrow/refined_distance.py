@@ -13,7 +13,8 @@ import numpy as np
 from ...arguments import Array
 from ...compiled import kernel
 from ..broad.separating_axis import Shapes
-from ..shapes.hull_graph import connected, outermost
+from ..shapes.hull_graph import connected
+from ..shapes.shape_table import outermost_of_shape
 from ..vectors import dot, normalise
 from .kinks import (
     DISK,
@@ -55,7 +56,7 @@ def _points_about(world: Array, shapes: Shapes, pair: int, side: int, n: Array) 
     x, y, z = sign * dot(place[0], n), sign * dot(place[1], n), sign * dot(place[2], n)
     begin, end = shapes.first_point[s], shapes.first_point[s + 1]
     listed = np.empty(end - begin, np.int64)
-    best = outermost(shapes.points, begin, end, shapes.first, shapes.neighbour, x, y, z, shapes.start[pair, side])
+    best = outermost_of_shape(shapes, s, x, y, z, shapes.start[pair, side])
     count = connected(
         shapes.points, begin, end, shapes.first, shapes.neighbour, x, y, z, best, -np.inf, _GATHERED, listed,
         shapes.taken,

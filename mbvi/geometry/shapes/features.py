@@ -11,7 +11,8 @@ from ...arguments import Array
 from ...compiled import kernel
 from ..broad.separating_axis import Shapes
 from ..vectors import dot
-from .hull_graph import connected, outermost
+from .hull_graph import connected
+from .shape_table import outermost_of_shape
 from .shapes import TILTED
 
 # least cosine of a line with the normal of a face through which it leaves: others are nearly parallel to it
@@ -43,7 +44,7 @@ def near_vertices(
     s, points = shapes.sides[pair, side], shapes.points
     begin, end = shapes.first_point[s], shapes.first_point[s + 1]
     x, y, z = dot(place[0], n), dot(place[1], n), dot(place[2], n)
-    best = outermost(points, begin, end, shapes.first, shapes.neighbour, x, y, z, shapes.start[pair, side])
+    best = outermost_of_shape(shapes, s, x, y, z, shapes.start[pair, side])
     lowest = points[best, 0] * x + points[best, 1] * y + points[best, 2] * z - depth
     count = connected(
         points, begin, end, shapes.first, shapes.neighbour, x, y, z, best, lowest, len(found), vertices, shapes.taken

@@ -13,6 +13,9 @@ from ...compiled import kernel
 
 # a hull of at most this number of vertices has no graph: to look at every vertex is as fast
 FEW_VERTICES = 16
+# cells along the edges of a cube on whose faces directions lie, and how many cells there are
+_CELLS = 8
+DIRECTIONS = 6 * _CELLS**2
 
 
 def neighbours(triangles: Array, count: int) -> tuple[Array, Array]:
@@ -50,6 +53,35 @@ def stack_graphs(graphs: list[tuple[Array, Array]]) -> tuple[Array, Array]:
 def no_graph(count: int) -> tuple[Array, Array]:
     """Return the graph of points without neighbours, all of which `outermost` looks at."""
     return np.zeros(count + 1, np.int64), np.zeros(0, np.int64)
+
+
+def guides_of(points: Array) -> Array:
+    """Return the outermost of some points, shape (k, 3), along the centre of each cell of `cell_of`."""
+    middle = (np.arange(_CELLS) + 0.5) * 2.0 / _CELLS - 1.0
+    axis, side, u, v = (each.ravel() for each in np.meshgrid(range(3), (-1.0, 1.0), middle, middle, indexing="ij"))
+    direction = np.empty((DIRECTIONS, 3))
+    for offset, values in enumerate((side, u, v)):
+        direction[np.arange(DIRECTIONS), (axis + offset) % 3] = values
+    return (points @ direction.T).argmax(axis=0)
+
+
+@kernel("i8(f8, f8, f8)")
+def cell_of(x: float, y: float, z: float) -> int:
+    """Return the cell on the faces of a cube in which a direction lies."""
+    a, b, c = abs(x), abs(y), abs(z)
+    axis, along, u, v = 2, z, x, y
+    if a >= b and a >= c:
+        axis, along, u, v = 0, x, y, z
+    elif b >= c:
+        axis, along, u, v = 1, y, z, x
+    most, half = abs(along), _CELLS // 2
+    face, row, column = (2 * axis + (along > 0.0)) * _CELLS, 0, 0
+    # comparisons, which are false where a component is NaN
+    for k in range(1, _CELLS):
+        bound = most * (k - half) / half
+        row += u >= bound
+        column += v >= bound
+    return (face + row) * _CELLS + column
 
 
 @kernel("i8(f8[:,::1], i8, i8, i8[::1], i8[::1], f8, f8, f8, i8)")

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ...arguments import Array
-from ...compiled import record
-from .hull_graph import stack_graphs
+from ...compiled import kernel, record
+from .hull_graph import DIRECTIONS, cell_of, guides_of, outermost, stack_graphs
 from .seams import Seams, seams_of
 from .shapes import Box, Capsule, Convex, Cylinder, Ellipsoid, Hull, PlacedShape, Sphere, graph_of, length_unit
 
@@ -59,7 +60,7 @@ def _support(shape: Convex) -> _Support:
 
 @record(
     "i8[::1], f8[:,:,::1], f8[:,::1], f8[:,::1], i8[::1], i8[::1], i8[::1], i8[::1], i8[::1], f8[:,::1], i8[:,::1],"
-    " i8[:,::1], b1[::1], f8[:,::1]"
+    " i8[:,::1], b1[::1], f8[:,::1], i8[:,::1]"
 )
 class Shapes(NamedTuple):
     """Placed shapes and pairs of them in arrays, as kernels take them.
@@ -88,6 +89,8 @@ class Shapes(NamedTuple):
         False for every point, between calls of kernels.
     inside : ndarray, shape (s, 4)
         Centre and radius of a ball inside each shape without its own ball, in its frame [m].
+    guides : ndarray of int, shape (s, DIRECTIONS)
+        The outermost point of each shape along directions of `hull_graph.cell_of`; -1 of those without a graph.
     """
 
     frame: Array
@@ -104,6 +107,22 @@ class Shapes(NamedTuple):
     start: Array
     taken: Array
     inside: Array
+    guides: Array
+
+
+@kernel("i8(Shapes, i8, f8, f8, f8, i8)")
+def outermost_of_shape(shapes: Shapes, shape: int, x: float, y: float, z: float, start: int) -> int:
+    """Return the index of the point of a shape that is farthest along a direction, in the frame of the shape.
+
+    The climb of `outermost` begins at a point that was outermost before, or at that of a direction nearby.
+    """
+    points, begin, end = shapes.points, shapes.first_point[shape], shapes.first_point[shape + 1]
+    if shapes.guides[shape, 0] >= 0:
+        k = shapes.guides[shape, cell_of(x, y, z)]
+        here = points[start, 0] * x + points[start, 1] * y + points[start, 2] * z
+        if points[k, 0] * x + points[k, 1] * y + points[k, 2] * z > here:
+            start = k
+    return outermost(points, begin, end, shapes.first, shapes.neighbour, x, y, z, start)
 
 
 class ShapeTable:
@@ -159,7 +178,7 @@ class ShapeTable:
         """Return the shapes and some pairs of them, shape (n, 2), as kernels take them."""
         # what kernels write to is the list's own, so that lists can be used on several threads
         taken = np.zeros(len(self.arrays[3]), bool)
-        fields: Any = (*self.arrays, sides, self.arrays[4][sides], taken, self._balls)
+        fields: Any = (*self.arrays, sides, self.arrays[4][sides], taken, self._balls, self._guides)
         return Shapes(*fields)
 
     @cached_property
@@ -174,7 +193,7 @@ class ShapeTable:
 
     @cached_property
     def _balls(self) -> Array:
-        """The last field of `Shapes`."""
+        """The field `inside` of `Shapes`."""
         balls = [
             (
                 *(s.shape.vertices.mean(axis=0) if isinstance(s.shape, Hull) else np.zeros(3)),
@@ -183,6 +202,16 @@ class ShapeTable:
             for s, support in zip(self.placed, self._supports, strict=True)
         ]
         return np.array(balls, dtype=float).reshape(-1, 4)
+
+    @cached_property
+    def _guides(self) -> Array:
+        """The last field of `Shapes`."""
+        points, ends, first = self.arrays[3:6]
+        guides = np.full((len(self), DIRECTIONS), -1)
+        for shape, (a, b) in enumerate(pairwise(ends.tolist())):
+            if first[a + 1] > first[a]:
+                guides[shape] = a + guides_of(points[a:b])
+        return guides
 
     @cached_property
     def boxes(self) -> tuple[Array, Array]:
