@@ -57,7 +57,7 @@ class FusedStep:
             if not self._met(found, x, metric, J, lower):
                 return None
             velocity[:], rates[0], found = x, 0.0, 0.0
-        self._last.percussion, self._last.keys = rates[0], None
+        self._last.keep(rates[0], None)
         return Projection(velocity, rates[0], found)
 
     def law(
@@ -76,7 +76,7 @@ class FusedStep:
             if not self._met(found, motion.free, motion.metric, J, lower):
                 return None
             velocity[:], rates[0], rates[1:3], found = motion.free, 0.0, J @ motion.free, 0.0
-        last.percussion, last.keys = rates[0], None
+        last.keep(rates[0], None)
         return velocity, rates, found
 
     def _solve(self, x: Array, metric: Metric, J: Array, lower: Array, velocity: Array, rates: Array) -> float:
