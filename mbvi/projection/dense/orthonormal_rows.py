@@ -6,6 +6,7 @@ import numpy as np
 
 from ...compiled import kernel
 from ..metric import Array
+from ..tree_factor import remove_four, remove_one, squared
 
 
 @kernel("f8(f8[::1], f8[::1])")
@@ -32,36 +33,20 @@ def append_row(row: Array, size: int, least: float, L: Array, Q: Array) -> float
     L, Q : ndarray, shapes (k, k), (k, n), k > size
         The factors.
     """
-    n = len(row)
-    before = 0.0
+    n, new, fours = len(row), Q[size], size - size % 4
     for k in range(n):
-        Q[size, k] = row[k]
-        before += row[k] * row[k]
+        new[k] = row[k]
     for j in range(size):
         L[size, j] = 0.0
-    after = before
-    fours = size - size % 4
+    before, after = squared(new), 0.0
     for _ in range(3):
-        # sums side by side wait less for each other
         for j in range(0, fours, 4):
-            a = b = c = d = 0.0
-            for k in range(n):
-                x = Q[size, k]
-                a, b, c, d = a + Q[j, k] * x, b + Q[j + 1, k] * x, c + Q[j + 2, k] * x, d + Q[j + 3, k] * x
+            a, b, c, d = remove_four(Q, j, new)
             L[size, j], L[size, j + 1] = L[size, j] + a, L[size, j + 1] + b
             L[size, j + 2], L[size, j + 3] = L[size, j + 2] + c, L[size, j + 3] + d
-            for k in range(n):
-                Q[size, k] -= a * Q[j, k] + b * Q[j + 1, k] + c * Q[j + 2, k] + d * Q[j + 3, k]
         for j in range(fours, size):
-            a = 0.0
-            for k in range(n):
-                a += Q[j, k] * Q[size, k]
-            L[size, j] += a
-            for k in range(n):
-                Q[size, k] -= a * Q[j, k]
-        after = 0.0
-        for k in range(n):
-            after += Q[size, k] * Q[size, k]
+            L[size, j] += remove_one(Q, j, new)
+        after = squared(new)
         # what remains of a much longer vector is not orthogonal to rounding: once more
         if after > 0.5 * before or after < least * least:
             break
