@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -13,12 +13,15 @@ from ..errors import ProjectionError
 from .dense.scaled_qp import ScaledQP
 from .metric import Array
 
+Answer = TypeVar("Answer")
 # error of a rate, in accepted depths per step: an accepted depth also holds what earlier steps left
 _SHARE = 0.25
 # the largest residual that follows from a depth
 _MOST_RESIDUAL = 1e-2
 # the largest relative residual of Coulomb's law for contacts of mechanisms
 OF_MECHANISMS = 1e-6
+# where a row sinks too deep, so often a residual is made so much smaller that half of the stated depth is expected
+_MOST_FINER = 3
 # the second bound of a residual, relative to the first, and its largest value
 _SECOND, _MOST_SECOND = 1e3, 1e-2
 
@@ -139,6 +142,44 @@ class Acceptance:
         """Return the residual above which an answer is refused, where `residual` is the first bound."""
         return max(residual, min(_SECOND * residual, _MOST_SECOND)) if self.second else residual
 
+    def excess(self, numbers: Array | None, closing: Array) -> float:
+        """Return the depth by which a row sinks, relative to the stated one; 0 where nothing is stated.
+
+        The arguments are those of `check`.
+        """
+        if numbers is None or self.stated is None or not len(closing):
+            return 0.0
+        return self.stated.worst(numbers, closing)[1]
+
+    def refined(
+        self, numbers: Array | None, answer: Answer, closing: Callable[[Answer], Array],
+        again: Callable[[float, Answer], Answer | None],
+    ) -> Answer:  # fmt: skip
+        """Return an answer of a smaller residual where a row of the given one sinks too deep, as far as there is one.
+
+        Parameters
+        ----------
+        numbers : ndarray of int, shape (k,), or None
+            See `check`.
+        answer
+            An answer of the residual that is asked.
+        closing : callable
+            Returns how much faster the rows of an answer close than they may [m/s, rad/s].
+        again : callable
+            Returns a better answer, given a factor of the residual and an answer to start from; None if there is none.
+        """
+        factor = 1.0
+        for _ in range(_MOST_FINER):
+            excess = self.excess(numbers, closing(answer))
+            if not excess > 1.0:
+                break
+            factor *= min(0.5, 0.5 / excess)
+            better = again(factor, answer)
+            if better is None:
+                break
+            answer = better
+        return answer
+
     def check(
         self, found: float, residual: float, numbers: Array | None, closing: Array,
         about: Callable[[], dict[str, Any]],
@@ -156,16 +197,15 @@ class Acceptance:
         about : callable
             Returns the problem, for the error.
         """
-        if numbers is not None and self.stated is not None and len(closing):
-            row, depth = self.stated.worst(numbers, closing)
-            # written so that a NaN is refused too
-            if not depth <= 1.0:
-                raise ProjectionError(
-                    f"the answer of relative residual {found:.1e} would let a row sink by {depth:.1e} times the stated "
-                    "depth in one step; the problem is in `.problem`",
-                    about(),
-                    found,
-                    int(numbers[row]),
-                )
+        depth = self.excess(numbers, closing)
+        # written so that a NaN is refused too
+        if not depth <= 1.0 and numbers is not None and self.stated is not None:
+            raise ProjectionError(
+                f"the answer of relative residual {found:.1e} would let a row sink by {depth:.1e} times the stated "
+                "depth in one step; the problem is in `.problem`",
+                about(),
+                found,
+                int(numbers[self.stated.worst(numbers, closing)[0]]),
+            )
         if found > residual:
             self.beyond.append((found, None if numbers is None or not len(numbers) else int(numbers[closing.argmax()])))

@@ -13,7 +13,7 @@ from .coulomb.frictional_laws import FrictionalLaws, FrictionalRows
 from .dense.dual_active_set import DualActiveSet, dual_active_set
 from .dense.fused_step import FEW, MOST_FUSED, FusedStep, contradiction
 from .dense.proxqp import ProxQP
-from .dense.scaled_qp import Candidate, Projection, ScaledQP, Solver
+from .dense.scaled_qp import Candidate, Projection, ScaledQP, Solver, WarmStart
 from .free_motion import FreeMotion
 from .metric import Array, DiagonalMetric, Metric
 from .sparse.column_blocks import touched_columns
@@ -244,23 +244,37 @@ class Projector:
         keys = contact_keys(contacts) if qp.sparse and contacts is not None else None
         start = self._last.start(qp, keys)
         solver: Solver = self.solver or (SparsePCG() if qp.sparse else DualActiveSet())
-        found = solver.solve(qp, start)
-        residual = np.inf if found is None else qp.residual(found)
-        asked, stated = qp.relative_tolerance, self.acceptance.stated
-        if found is not None and qp.sparse and stated is not None and asked > OF_MECHANISMS and stated.jointed.any():
-            own = np.flatnonzero(stated.of_mechanisms(J))
-            if own.size:
-                found = refine(qp, found, own)
-                residual = qp.residual(found)
+        asked, (found, residual) = qp.relative_tolerance, self._attempt(qp, solver, start, J)
         qp.relative_tolerance = self.acceptance.bound(asked)
         # written so that a NaN is refused too
         if found is None or not residual <= qp.tolerance:
             raise self._failure(qp, found, residual, contacts)
+        if qp.sparse and contacts is not None:
+
+            def again(factor: float, last: tuple[Candidate, float]) -> tuple[Candidate, float] | None:
+                qp.relative_tolerance = factor * asked
+                better, left = self._attempt(qp, solver, WarmStart(last[0].u), J)
+                return None if better is None or not left < last[1] else (better, left)
+
+            found, residual = self.acceptance.refined(
+                contacts, (found, residual), lambda one: lower - qp.speeds(qp.result(*one).velocity), again
+            )
         result = qp.result(found, residual)
         closing = lower - qp.speeds(result.velocity)
         self.acceptance.check(result.residual, asked, contacts, closing, lambda: _problem(qp))
         self._last.keep(result.percussion, keys)
         return result
+
+    def _attempt(
+        self, qp: ScaledQP, solver: Solver, start: WarmStart | None, J: Array | csr_array
+    ) -> tuple[Candidate | None, float]:
+        """Return what a solver finds, to a finer residual in rows of mechanisms, and its residual; inf if nothing."""
+        found, stated = solver.solve(qp, start), self.acceptance.stated
+        if found is not None and qp.sparse and stated is not None and qp.relative_tolerance > OF_MECHANISMS:
+            own = np.flatnonzero(stated.of_mechanisms(J)) if stated.jointed.any() else np.zeros(0, np.int64)
+            if own.size:
+                found = refine(qp, found, own)
+        return found, np.inf if found is None else qp.residual(found)
 
     def _accepted_residual(self, residual: float, sparse: bool) -> float:
         """Return the residual of a projection; dense rows are solved at least as well as without a depth."""

@@ -86,6 +86,8 @@ class MechanismState:
 
     def __init__(self, constraints: AdmissibleSet) -> None:
         self._set, cache, families = constraints, constraints.cache, constraints.families
+        # one object, which tells whether the arrays have the state
+        self._leave = self.leave
         nq, nv = constraints.system.nq, constraints.system.nv
         kinds, slot = [_kind_of(family) for family in families], cache.slots
         where, count = {kind: k for k, kind in enumerate(kinds)}, len(cache.arrays[0])
@@ -128,13 +130,13 @@ class MechanismState:
             candidates = cache.candidates(k)
             if candidates is not None:
                 room[: len(candidates.index)] = candidates.index
-        cache.reclaim = self.leave
+        cache.reclaim = self._leave
         return True
 
     @property
     def entered(self) -> bool:
         """Whether the arrays have the state, which a function of the user may have reclaimed."""
-        return bool(self._set.cache.reclaim == self.leave)
+        return self._set.cache.reclaim is self._leave
 
     @property
     def memory(self) -> list[Array]:

@@ -207,6 +207,17 @@ class FrictionalLaws:
         fine = self._fine_rows(J, rows.constraint)
         law = x, metric, J, bounds.ravel(), tangents.friction
         many = project_frictional_sparse(*law, residual, start, known, rate, fine, accepted, tangents.bound)
+
+        def again(factor: float, last: Projection) -> Projection | None:
+            every = np.ones(m, bool)
+            try:
+                return project_frictional_sparse(
+                    *law, factor * residual, last.percussion, every, rate, fine, accepted, tangents.bound
+                )
+            except ProjectionError:
+                return None
+
+        many = self._acceptance.refined(rows.constraint, many, lambda one: lower - rows.jacobian @ one.velocity, again)
         first = residual if fine is None or not fine.contacts.any() else fine.residual
         self._accept(many, first, rows, lower)
         self._last.keep(many.percussion.reshape(-1, 3), keys)

@@ -22,6 +22,8 @@ from .loop_scope import has_user_forces
 _FORCES = ctypes.CFUNCTYPE(None, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
 # number of a family, time, address of q, tolerance
 _ROWS = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_double, ctypes.c_void_p, ctypes.c_double)
+# arrays of kernels that are known by their addresses
+_MOST_KNOWN = 64
 # the C functions below those of `signal`, which make enumerations of handlers: that takes as long as a step
 _C: Any = import_module("_signal")
 
@@ -49,8 +51,7 @@ class PythonCallbacks:
     def __init__(self, problem: Problem, state: MechanismState) -> None:
         system = problem.system
         self._state, self._constraints, self._torque = state, problem.constraints, system.torque
-        self._q, self._v, self._tau = np.zeros(system.nq), np.zeros(system.nv), np.zeros(system.nv)
-        self._places = [(each.ctypes.data, each.nbytes) for each in (self._q, self._v, self._tau)]
+        self._nq, self._nv, self._known = system.nq, system.nv, dict[int, np.ndarray]()
         self._rows = state.arrays.given.rows
         self.before: Callable[[], None] | None = None
         self._error: BaseException | None = None
@@ -64,27 +65,31 @@ class PythonCallbacks:
         state.arrays.given.address[0] = rows
 
     def _write_torque(self, t: float, q: int, v: int, torque: int) -> None:
-        if not self._called(self._evaluate_torque, t, q, v):
-            self._tau[:] = np.nan
-        own, size = self._places[2]
-        ctypes.memmove(torque, own, size)
+        if not self._called(self._evaluate_torque, t, q, v, torque):
+            self._at(torque, self._nv)[:] = np.nan
 
     def _write_rows(self, k: int, t: float, q: int, tolerance: float) -> None:
         if not self._called(self._evaluate_rows, k, t, q, tolerance):
             self._rows.size[0] = -1
 
-    def _evaluate_torque(self, t: float, q: int, v: int) -> None:
-        for (own, size), given in zip(self._places, (q, v), strict=False):
-            ctypes.memmove(own, given, size)
+    def _evaluate_torque(self, t: float, q: int, v: int, torque: int) -> None:
         if self.before is not None:
             self.before()
         # copies, which functions of the user may keep
-        self._tau[:] = self._torque(t, self._q.copy(), self._v.copy())
+        tau = self._torque(t, self._at(q, self._nq).copy(), self._at(v, self._nv).copy())
+        self._at(torque, self._nv)[:] = tau
+
+    def _at(self, place: int, size: int) -> np.ndarray:
+        """Return the array at an address, as long as the kernel that gave it runs."""
+        known = self._known.get(place)
+        if known is None or len(known) != size:
+            if len(self._known) >= _MOST_KNOWN:
+                self._known.clear()
+            known = self._known[place] = np.ctypeslib.as_array((ctypes.c_double * size).from_address(place))
+        return known
 
     def _evaluate_rows(self, k: int, t: float, q: int, tolerance: float) -> None:
-        own, size = self._places[0]
-        ctypes.memmove(own, q, size)
-        rows, self._rows.size[0] = self._constraints.rows_of(k, t, self._q.copy(), tolerance), 0
+        rows, self._rows.size[0] = self._constraints.rows_of(k, t, self._at(q, self._nq).copy(), tolerance), 0
         if rows is not None:
             write_rows(rows, self._constraints.levers(rows.constraint), self._rows)
 

@@ -141,7 +141,9 @@ class CompiledLoop:
                 passed = taken.item(0)
                 self._pass_contacts(passed - 1)
 
-        taken[0], self._callbacks.before = 0, pass_contacts
+        taken[0] = 0
+        if self._problem.system.observe is not None:
+            self._callbacks.before = pass_contacts
         with self._callbacks.interruptible():
             yield
 
