@@ -8,14 +8,16 @@ from scipy.spatial.transform import Rotation
 
 import mbvi
 from mbvi.projection import Projector
+from mbvi.projection.acceptance import Acceptance, StatedDepth
+from mbvi.projection.coulomb.frictional_laws import FrictionalLaws
 from mbvi.schemes.positions.end_repair import near_rows, repair
 
 EDGE = 0.04
 
 
-def poured(count, e=0.0, seed=0):
+def poured(count, e=0.0, seed=0, friction=0.0):
     """Boxes of a lattice with random turns over an open box."""
-    scene = mbvi.Scene(restitution=e)
+    scene = mbvi.Scene(restitution=e, friction=friction)
     scene.add_container((-0.2, -0.2, 0.0), (0.2, 0.2))
     layer, row, column = np.unravel_index(np.arange(count), (-(-count // 25), 5, 5))
     places = 0.075 * np.stack([row - 2, column - 2, layer], axis=1) + [0.0, 0.0, 0.05]
@@ -126,3 +128,23 @@ def test_rows_that_would_sink_too_deep_are_solved_to_a_smaller_residual(shift):
         if step.t > 0.3:
             break
     assert step.t > 0.3
+
+
+def test_friction_of_rows_that_would_sink_too_deep_is_solved_to_a_smaller_residual():
+    """A third of the depth that an answer of the residual leaves is stated: the law is solved until it holds."""
+    problem, h = poured(150, friction=0.5), 2e-3
+    step = next(step for step in mbvi.steps(problem, step=h) if step.t > 0.2)
+    rows, metric = problem.constraints.active(step.t, step.q, 2e-3), problem.system.metric(step.q)
+    x, lower = step.v + [0.0, 0.0, -9.81 * h, 0.0, 0.0, 0.0] * 150, -np.maximum(rows.gap, 0.0) / h
+    levers, jointed = problem.constraints.levers, np.zeros(len(x), bool)
+
+    def depth(found):
+        return h * float((lower - rows.jacobian @ found.velocity).max())
+
+    given = x, metric, rows, lower, 3e-2, np.inf
+    rough = FrictionalLaws(1e-6, False, Acceptance()).project(*given)
+    assert len(lower) > 64 and depth(rough) > 0.0
+    stated = StatedDepth(depth(rough) / 3.0, 1e-9, h, levers, jointed)
+    fine = FrictionalLaws(1e-6, False, Acceptance(stated)).project(*given)
+    assert depth(fine) <= stated.depth
+    assert fine.residual < rough.residual
