@@ -11,9 +11,9 @@ from .newton.directions import Delassus, soften
 from .newton.iterations import SHIFT, hold_cases, newton_coulomb
 from .one_contact import closing_order, contact_velocities, coulomb_defect, sweep_contacts
 
-# compliance of every contact, relative to its own G_nn, whose answer is followed to rigid contacts; the least; and the
-# factors between, of the patient and of the quick attempt
-COMPLIANCE, RIGID, _STIFFER, _QUICKLY = 1e-4, 1e-9, 0.1, 0.03
+# compliance of every contact, relative to its own G_nn, whose answer is followed to rigid contacts; the least, and the
+# factor between
+COMPLIANCE, RIGID, _STIFFER = 1e-4, 1e-9, 0.1
 # the largest compliance
 _SOFT = 1.0
 # returned where percussions grow without bound as compliance falls
@@ -174,8 +174,8 @@ def stiffen(
     independent : bool
         Whether rows are independent.
     patient : bool
-        Whether to go on by sweeps where Newton's method does not solve the law of compliant contacts soon; the quick
-        attempt ends there, and takes larger steps.
+        Whether to go on by sweeps where Newton's method does not solve the law of compliant contacts soon; else this
+        ends there.
     compliance : float
         That of the contacts whose percussions p holds.
     p : ndarray, shape (n,)
@@ -185,7 +185,7 @@ def stiffen(
     soft, trial, best = p.copy(), np.empty(n), np.inf
     size, growths = np.inf, 0
     while compliance > RIGID and best > _SOLVED:
-        compliance *= _STIFFER if patient else _QUICKLY
+        compliance *= _STIFFER
         compliant = soften(law, compliance)
         steps = _STEPS if patient else _FEW_STEPS
         if newton_coulomb(compliant, b, mu, steps, _CLOSE, 1e-2 * SHIFT, _REMEMBERED, soft) > _CLOSE:
@@ -224,22 +224,22 @@ def improve_coulomb(
     """
     trial, order = np.empty(len(b)), np.empty(len(mu), np.int64)
     newton = len(_SHIFTS)
-    for attempt in range(-1, newton + 4):
+    for attempt in range(newton + 5):
         if residual <= _SOLVED:
             break
-        keep_better(soft if attempt == -1 or attempt == newton + 2 else p, 0.0, 1.0, trial)
-        if attempt == -1:
-            found = stiffen(law, b, mu, independent, False, COMPLIANCE, limit, trial)
-            if found == UNBOUNDED:
-                continue
-        elif attempt < newton:
+        keep_better(soft if attempt == newton + 1 or attempt == newton + 3 else p, 0.0, 1.0, trial)
+        if attempt < newton:
             found = newton_in_rounds(law, b, mu, limit, attempt, trial)
         elif attempt == newton:
             closing_order(b, order)
             found = sweep_contacts(law.G, b, mu, order, _POLISHING_SWEEPS, limit, trial)
         elif attempt == newton + 1:
-            found = proximal_newton(law, b, mu, limit, trial)
+            found = stiffen(law, b, mu, independent, False, COMPLIANCE, limit, trial)
+            if found == UNBOUNDED:
+                continue
         elif attempt == newton + 2:
+            found = proximal_newton(law, b, mu, limit, trial)
+        elif attempt == newton + 3:
             found = stiffen(law, b, mu, independent, True, COMPLIANCE, limit, trial)
             if found == UNBOUNDED:
                 # very compliant contacts may be those of another answer
