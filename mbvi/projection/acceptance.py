@@ -152,33 +152,33 @@ class Acceptance:
         return self.stated.worst(numbers, closing)[1]
 
     def refined(
-        self, numbers: Array | None, answer: Answer, closing: Callable[[Answer], Array],
-        again: Callable[[float, Answer], Answer | None],
-    ) -> Answer:  # fmt: skip
+        self, numbers: Array | None, found: tuple[Answer, Array],
+        again: Callable[[float, Answer], tuple[Answer, Array] | None],
+    ) -> tuple[Answer, Array]:  # fmt: skip
         """Return an answer of a smaller residual where a row of the given one sinks too deep, as far as there is one.
 
         Parameters
         ----------
         numbers : ndarray of int, shape (k,), or None
             See `check`.
-        answer
-            An answer of the residual that is asked.
-        closing : callable
-            Returns how much faster the rows of an answer close than they may [m/s, rad/s].
+        found : tuple
+            An answer of the residual that is asked, and how much faster its rows close than they may, shape (k,)
+            [m/s, rad/s].
         again : callable
-            Returns a better answer, given a factor of the residual and an answer to start from; None if there is none.
+            Returns a better answer with the same, given a factor of the residual and an answer to start from; None if
+            there is none.
         """
         factor = 1.0
         for _ in range(_MOST_FINER):
-            excess = self.excess(numbers, closing(answer))
+            excess = self.excess(numbers, found[1])
             if not excess > 1.0:
                 break
             factor *= min(0.5, 0.5 / excess)
-            better = again(factor, answer)
+            better = again(factor, found[0])
             if better is None:
                 break
-            answer = better
-        return answer
+            found = better
+        return found
 
     def check(
         self, found: float, residual: float, numbers: Array | None, closing: Array,

@@ -249,18 +249,20 @@ class Projector:
         # written so that a NaN is refused too
         if found is None or not residual <= qp.tolerance:
             raise self._failure(qp, found, residual, contacts)
-        if qp.sparse and contacts is not None:
 
-            def again(factor: float, last: tuple[Candidate, float]) -> tuple[Candidate, float] | None:
-                qp.relative_tolerance = factor * asked
-                better, left = self._attempt(qp, solver, WarmStart(last[0].u), J)
-                return None if better is None or not left < last[1] else (better, left)
+        def taken(found: Candidate, residual: float) -> tuple[tuple[Candidate, Projection], Array]:
+            result = qp.result(found, residual)
+            return (found, result), lower - qp.speeds(result.velocity)
 
-            found, residual = self.acceptance.refined(
-                contacts, (found, residual), lambda one: lower - qp.speeds(qp.result(*one).velocity), again
-            )
-        result = qp.result(found, residual)
-        closing = lower - qp.speeds(result.velocity)
+        def again(
+            factor: float, last: tuple[Candidate, Projection]
+        ) -> tuple[tuple[Candidate, Projection], Array] | None:
+            qp.relative_tolerance = factor * asked
+            better, left = self._attempt(qp, solver, WarmStart(last[0].u), J)
+            return None if better is None or not qp.relative(left) < last[1].residual else taken(better, left)
+
+        first = taken(found, residual)
+        (_, result), closing = self.acceptance.refined(contacts if qp.sparse else None, first, again)
         self.acceptance.check(result.residual, asked, contacts, closing, lambda: _problem(qp))
         self._last.keep(result.percussion, keys)
         return result

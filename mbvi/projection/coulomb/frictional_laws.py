@@ -206,20 +206,20 @@ class FrictionalLaws:
         J, (start, known) = _contact_rows(rows), self._last.of_contacts(keys)
         fine = self._fine_rows(J, rows.constraint)
         law = x, metric, J, bounds.ravel(), tangents.friction
-        many = project_frictional_sparse(*law, residual, start, known, rate, fine, accepted, tangents.bound)
 
-        def again(factor: float, last: Projection) -> Projection | None:
-            every = np.ones(m, bool)
+        def solved(asked: float, start: Array, known: Array) -> tuple[Projection, Array]:
+            many = project_frictional_sparse(*law, asked, start, known, rate, fine, accepted, tangents.bound)
+            return many, lower - rows.jacobian @ many.velocity
+
+        def again(factor: float, last: Projection) -> tuple[Projection, Array] | None:
             try:
-                return project_frictional_sparse(
-                    *law, factor * residual, last.percussion, every, rate, fine, accepted, tangents.bound
-                )
+                return solved(factor * residual, last.percussion, np.ones(m, bool))
             except ProjectionError:
                 return None
 
-        many = self._acceptance.refined(rows.constraint, many, lambda one: lower - rows.jacobian @ one.velocity, again)
+        many, closing = self._acceptance.refined(rows.constraint, solved(residual, start, known), again)
         first = residual if fine is None or not fine.contacts.any() else fine.residual
-        self._accept(many, first, rows, lower)
+        self._accept(many, first, rows, lower, closing)
         self._last.keep(many.percussion.reshape(-1, 3), keys)
         return many
 
@@ -232,7 +232,7 @@ class FrictionalLaws:
         J, residual = _wide(rows.jacobian, tangents), self._acceptance.bound(self._residual)
         law = x, metric, J, bounds.ravel(), tangents.friction, residual, self.start, tangents.bound
         found = project_frictional(*law)
-        self._accept(found, self._residual, rows, lower)
+        self._accept(found, self._residual, rows, lower, lower - found.after[::3])
         self.start = FrictionalStart(found.start, found.unique)
         return found
 
@@ -245,11 +245,11 @@ class FrictionalLaws:
         return FineRows(np.asarray(contacts.any(axis=1)), min(self._residual, OF_MECHANISMS), stated.aims(numbers))
 
     def _accept(
-        self, found: FrictionalProjection | Projection, residual: float, rows: FrictionalRows, lower: Array
-    ) -> None:
+        self, found: FrictionalProjection | Projection, residual: float, rows: FrictionalRows, lower: Array,
+        closing: Array,
+    ) -> None:  # fmt: skip
         """Raise `ProjectionError` if a row sinks too deep; see `Acceptance.check`."""
-        after = found.after[::3] if isinstance(found, FrictionalProjection) else rows.jacobian @ found.velocity
-        closing, about = lower - after, {"w": found.velocity, "J": rows.jacobian, "lower": lower}
+        about = {"w": found.velocity, "J": rows.jacobian, "lower": lower}
         self._acceptance.check(found.residual, residual, rows.constraint, closing, lambda: about)
 
     def law(
