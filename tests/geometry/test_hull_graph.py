@@ -20,6 +20,14 @@ def bodies(n):
 
 
 seeds = st.integers(0, 10_000)
+# a direction is at most so far from the centre of its cell; the outermost point along this is, for points within a
+# radius, lower by at most the radius times twice the distance of both unit vectors
+FARTHEST = np.arctan(np.sqrt(2.0) / 8.0)
+BESIDE_CELL = 2.0 * 2.0 * np.sin(0.5 * FARTHEST)
+
+
+def radius(points):
+    return np.linalg.norm(points, axis=1).max()
 
 
 def hull(rng, flat):
@@ -55,8 +63,8 @@ def test_climbs_begin_near_their_end(seed, flat):
         found = outermost_of_shape(shapes, 1, *n.tolist(), int(rng.integers(begin, end)))
         assert heights[found - begin] == pytest.approx(heights.max(), abs=1e-14)
         # the point that a climb may begin at is nearly the outermost one
-        guide = shapes.guides[1, cell_of(*n.tolist())]
-        assert heights[guide - begin] >= 0.8 * heights.max() - 0.1 * np.abs(heights).max()
+        guide, size = shapes.guides[1, cell_of(*n.tolist())], radius(shapes.points[begin:end])
+        assert heights[guide - begin] >= heights.max() - BESIDE_CELL * size * np.linalg.norm(n)
     for n in ((np.nan,) * 3, (0.0,) * 3, (np.inf, -np.inf, np.nan)):
         assert 0 <= cell_of(*n) < DIRECTIONS
 
@@ -65,11 +73,8 @@ def test_guides_are_the_outermost_points_of_their_cells():
     points = np.random.default_rng(0).normal(size=(500, 3))
     guides = guides_of(points)
     for n in np.random.default_rng(1).normal(size=(2000, 3)):
-        # no direction of a cell is far from its centre
-        best = points[guides[cell_of(*n.tolist())]]
-        assert best @ n >= (points @ n).max() - 2.0 * np.sin(0.15) * np.linalg.norm(points, axis=1).max() * np.sqrt(
-            n @ n
-        )
+        n /= np.linalg.norm(n)
+        assert points[guides[cell_of(*n.tolist())]] @ n >= (points @ n).max() - BESIDE_CELL * radius(points)
 
 
 @given(seed=seeds, flat=st.booleans(), depth=st.sampled_from([0.0, 1e-9, 1e-3, 0.1]))

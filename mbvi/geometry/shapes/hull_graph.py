@@ -62,7 +62,8 @@ def guides_of(points: Array) -> Array:
     direction = np.empty((DIRECTIONS, 3))
     for offset, values in enumerate((side, u, v)):
         direction[np.arange(DIRECTIONS), (axis + offset) % 3] = values
-    return (points @ direction.T).argmax(axis=0)
+    # one after the other: all products of a large hull would fill the memory
+    return np.array([(points @ each).argmax() for each in direction])
 
 
 @kernel("i8(f8, f8, f8)")
