@@ -10,7 +10,7 @@ from .metric import Array
 # contact points of one constraint with keys of their own; further points share the last key
 _POINTS = 64
 # most rows without keys whose percussions are kept: as many as the compiled loop has room for
-_MOST_KEPT = 400
+MOST_KEPT = 400
 
 
 class LastPercussions:
@@ -55,7 +55,7 @@ class LastPercussions:
 
     def keep(self, percussion: Array, keys: Array | None) -> None:
         """Keep the percussions of rows with these keys, or without any."""
-        if keys is None and len(percussion) > _MOST_KEPT:
+        if keys is None and len(percussion) > MOST_KEPT:
             percussion = percussion[:0]
         if keys is not None and (keys[1:] < keys[:-1]).any():
             order = np.argsort(keys, kind="stable")

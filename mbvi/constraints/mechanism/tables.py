@@ -7,10 +7,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ...compiled import kernel, record
+from ...projection.warm_start import MOST_KEPT
 from ..rows import Array
 
-# most rows that the kernel finds; more are left to Python
-MOST_ROWS = 400
+# most rows that the kernel finds, as many as percussions are kept of; more are left to Python
+MOST_ROWS = MOST_KEPT
 # what a family is; `GIVEN` are functions of the user, the last two are spheres and other shapes at a mesh
 LIMITS, HALF_SPACES, PAIRS, BALLS, GIVEN, BALLS_AT_MESH, SHAPES_AT_MESH = range(7)
 # what `active_rows` returns: the rows are known; they are too many; shapes must be measured
