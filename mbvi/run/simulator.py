@@ -8,18 +8,18 @@ import numpy as np
 
 from ..arguments import boolean, integer, positive, shown
 from ..constraints.contact import Contact
-from ..errors import InputError, UnsuitableError
+from ..errors import InputError
 from ..problem import Problem, check_kept
 from ..scene.connected.switched import attached, released, switched
 from ..schemes import OwnStepsScheme, Scheme, Step
-from ..schemes.contact_friction import friction_of
-from ..schemes.observer import contacts_of_rows
+from ..schemes.observer import contacts_of_step
 from ..system.system import Array
 from .accuracy import projector_of
 from .default_scheme import time_stepping
 from .fixed_steps.switching import connected_at
 from .loop.loop_scope import is_compiled_on_copies
 from .loop.mechanism_run import MechanismRun, OwnProblem
+from .own_steps.stepping import OwnStepper
 from .simulate import check_problem, checked_for, steps_from
 from .start import initial_step
 
@@ -33,10 +33,11 @@ class Simulator:
     ----------
     problem : Problem
         The problem; its own controls act.
-    scheme : Scheme, optional
+    scheme : Scheme, EventDriven or Adaptive, optional
         By default that of `simulate` at a given step.
     step : float
-        Time step h [s].
+        Time step h [s]. `EventDriven` and `Adaptive` take as many steps of their own within it as their tolerance asks
+        for, and end one at its end.
 
     Attributes
     ----------
@@ -48,20 +49,19 @@ class Simulator:
     InputError
         If h is not positive and finite.
     UnsuitableError
-        If the scheme chooses its own steps or cannot run the problem.
+        If the scheme cannot run the problem.
 
     Notes
     -----
     Bodies do not sleep here, so that bodies at rest differ from those of `simulate` by rounding. So do scenes with
-    given constraints, or a control of the whole scene, that `simulate` takes in compiled code.
+    given constraints, or a control of the whole scene, that `simulate` takes in compiled code. States of `EventDriven`
+    and `Adaptive` differ within the tolerance. What is written to a control between steps acts from then on.
     """
 
-    def __init__(self, problem: Problem, scheme: Scheme | None = None, *, step: float) -> None:
+    def __init__(self, problem: Problem, scheme: Scheme | OwnStepsScheme | None = None, *, step: float) -> None:
         check_problem(problem)
         check_kept(problem)
         chosen = time_stepping(problem)[0] if scheme is None else checked_for(problem, scheme)
-        if isinstance(chosen, OwnStepsScheme):
-            raise UnsuitableError(f"{chosen.name} chooses its own steps: take a scheme of fixed steps")
         h = positive(step, "step")
         self._scheme, self._h, self._first = chosen, h, problem
         self._take(problem)
@@ -230,20 +230,16 @@ class Simulator:
 
     @property
     def contacts(self) -> tuple[Contact, ...]:
-        """The contacts with a percussion in the last step, as controls of a scene receive them."""
-        step = self._stepper.last_step(self.t)
-        rows = step.active
+        """The contacts with a percussion in the last step, as controls of a scene receive them.
+
+        Of `EventDriven` and `Adaptive` those of all steps and impacts within it are added up.
+        """
+        stepper = self._stepper
+        if isinstance(stepper, OwnStepper):
+            return stepper.contacts
         # the law at the start and after a switch takes no time
-        h = self._h if self._stepper.done > self._begun else 0.0
-        return contacts_of_rows(
-            rows.constraint,
-            step.percussion,
-            rows.point,
-            rows.normal,
-            h,
-            self._given.constraints.name,
-            friction_of(step),
-        )
+        h = self._h if stepper.done > self._begun else 0.0
+        return contacts_of_step(stepper.last_step(self.t), h, self._given.constraints.name)
 
 
 class _PythonStepper:
@@ -306,7 +302,11 @@ class _CompiledStepper:
         return self._run.last_step(t)
 
 
-def _stepper(problem: Problem, scheme: Scheme, h: float) -> _PythonStepper | _CompiledStepper:
+def _stepper(
+    problem: Problem, scheme: Scheme | OwnStepsScheme, h: float
+) -> _PythonStepper | _CompiledStepper | OwnStepper:
+    if isinstance(scheme, OwnStepsScheme):
+        return OwnStepper(problem, scheme, h, lambda problem: projector_of(problem, scheme, None, None, None)[0])
     if is_compiled_on_copies(problem, scheme):
         own = OwnProblem(problem)
         if own.mechanism is not None:

@@ -118,8 +118,6 @@ def test_states_are_read_only_and_arguments_are_checked():
         simulator.step(0)
     with pytest.raises(mbvi.InputError, match="finite"):
         simulator.reset(np.full(10, np.nan))
-    with pytest.raises(mbvi.UnsuitableError, match="EventDriven chooses its own steps"):
-        mbvi.Simulator(grains(), mbvi.EventDriven(), step=STEP)
     with pytest.raises(mbvi.InputError, match=r"scene\.build"):
         mbvi.Simulator(mbvi.Scene(), step=STEP)
 

@@ -343,8 +343,6 @@ def test_what_cannot_be_run_is_refused():
             mbvi.Adaptive(tolerance)
     with pytest.raises(mbvi.InputError, match="Adaptive chooses its own steps: leave out step"):
         mbvi.simulate(problem, mbvi.Adaptive(), duration=0.1, step=1e-3)
-    with pytest.raises(mbvi.UnsuitableError, match="Adaptive chooses its own steps"):
-        mbvi.Simulator(problem, mbvi.Adaptive(), step=1e-3)
     with pytest.raises(mbvi.InputError, match="Adaptive chooses its own steps"):
         next(mbvi.steps(problem, mbvi.Adaptive(), step=1e-3))
     assert repr(mbvi.Adaptive()) == "Adaptive(tolerance=0.001)"

@@ -13,7 +13,7 @@ from ...projection import Projector
 from ...results.run_data import Array
 from ...results.trajectory import Trajectory
 from ...schemes import Adaptive, Centered, Step
-from ...schemes.adaptive.integrator import Counts, Stride, Strike
+from ...schemes.adaptive.integrator import AdaptiveIntegrator, Counts, Stop, Stride, Strike
 from ...schemes.event_driven.runge_kutta import DEGREE
 from ...schemes.observer import contacts_of_step
 from ...system import System
@@ -144,12 +144,8 @@ def run_adaptive(
                     now, connections, state.t, state, scheme, projector_for, record
                 )
                 switches.begin(state.t, state.q, state.v)
-            guard = TunnellingGuard(now, Centered(project_positions=True), 1.0)
-            observe = guard.observe
-            if observe is not None and state.percussion.any():
-                observe(state, 0.0)
             stop = None if switches is None else partial(_stop, switches, now)
-            integrator = scheme.integrator(now, projector, state, guard.passed, stop)
+            integrator, observe = guarded_integrator(now, scheme, projector, state, stop)
             integrator.counts = counts
             for part in integrator.run(end - state.t):
                 record.add(part)
@@ -171,6 +167,16 @@ def run_adaptive(
         record.t[-1] = end
         record.notes += _notes(counts) + residual_note(projector)
     return record.trajectory(scheme, 0.0)
+
+
+def guarded_integrator(
+    problem: Problem, scheme: Adaptive, projector: Projector, start: Step, stop: Stop | None
+) -> tuple[AdaptiveIntegrator, Callable[[Step, float], None] | None]:
+    """Return an integrator that lets no body pass through another, and what is to be told of its steps, if anything."""
+    guard = TunnellingGuard(problem, Centered(project_positions=True), 1.0)
+    if guard.observe is not None and start.percussion.any():
+        guard.observe(start, 0.0)
+    return scheme.integrator(problem, projector, start, guard.passed, stop), guard.observe
 
 
 def _stop(switches: LocatedSwitches, problem: Problem, stride: Stride) -> float | None:

@@ -13,10 +13,11 @@ from ...problem import Problem
 from ...projection import Metric
 from ...system.free.sparse_rows import dense
 from ...system.system import Array
+from .doubling import LARGEST
 from .measure import Measure
 
-# most linearisations of a return, the gap at which it ends in activation tolerances, and most rows that take part
-_MOST, _ENOUGH, _LARGEST = 4, 0.1, 400
+# most linearisations of a return, and the gap at which it ends in activation tolerances
+_MOST, _ENOUGH = 4, 0.1
 # singular values of a Delassus matrix below this part of the largest are rounding
 _DEPENDENT = 1e-10
 # slip that has no direction [m/s]
@@ -99,7 +100,7 @@ def returned(
         The state; None if a contact is not found, they contradict each other, or there are none or too many.
     """
     system, constraints, count = problem.system, problem.constraints, len(closed.gap)
-    if not 0 < count <= _LARGEST:
+    if not 0 < count <= LARGEST:
         return None
     for attempt in range(_MOST):
         near = constraints.active(t, q, reach)

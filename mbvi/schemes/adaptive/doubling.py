@@ -6,11 +6,13 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+from numpy.linalg import lstsq
 
 from ...constraints import Rows
 from ...constraints.rows import match_contacts, take
 from ...problem import Problem
 from ...projection import Projector
+from ...system.free.sparse_rows import dense
 from ..scheme import Scheme
 from ..step import Step
 from .measure import Measure
@@ -19,6 +21,8 @@ Array = np.ndarray
 
 # what both halves of a step may hide of a change of force within it, relative to the speed that it leads to
 HIDDEN = 1.0 / 16.0
+# most rows whose dependence is looked at, and the part of a gradient beside those of others that is rounding
+LARGEST, _BESIDE = 400, 1e-6
 
 
 class Doubled(NamedTuple):
@@ -89,6 +93,24 @@ def held(step: Step, resting: Rows, still: Array | float) -> tuple[Array, Array]
     return closed, closed & (tangents.friction > 0.0) & (slip <= still)
 
 
+def kept(measure: Measure, step: Step, resting: Rows, speed: float) -> tuple[Array, Array]:
+    """Return what `held` does, without rows that bear nothing and are free to open; `speed` is the largest before.
+
+    Of rows without a percussion those stay that move only as rows with one do: the rates of their gaps are sums of the
+    rates of those. The gap of any other opens along the curve of its motion, although its rate in the middle of a step
+    may be negative. Kept closed it would hold its bodies back.
+    """
+    active = step.active
+    closed, sticks = held(step, resting, measure.still(active.constraint, speed))
+    idle = closed & ~(step.percussion > 0.0)
+    if idle.any() and np.count_nonzero(closed) <= LARGEST:
+        J = dense(active.jacobian) * measure.units
+        bears, rest = J[closed & ~idle], J[idle]
+        beside = rest - lstsq(bears.T, rest.T, rcond=None)[0].T @ bears
+        closed[idle] = np.linalg.norm(beside, axis=1) <= _BESIDE * np.linalg.norm(rest, axis=1)
+    return closed, sticks & closed
+
+
 def hidden(problem: Problem, step: Step, resting: Rows, slides: Array, still: float) -> tuple[float, bool]:
     """Return what the halves of a step may hide of an error, and whether a contact reverses its slip.
 
@@ -149,8 +171,7 @@ def common_contacts(measure: Measure, steps: tuple[Step, ...], resting: Rows, sp
     """Return the rows that are held in all steps; None if a step holds others, or others stick in it."""
     found = []
     for step in steps:
-        number = step.active.constraint
-        closed, sticks = held(step, resting, measure.still(number, speed))
+        number, (closed, sticks) = step.active.constraint, kept(measure, step, resting, speed)
         found.append(np.sort(2 * number[closed] + sticks[closed]))
     if not all(np.array_equal(found[-1], other) for other in found[:-1]):
         return None

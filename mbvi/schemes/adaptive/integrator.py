@@ -140,6 +140,8 @@ class AdaptiveIntegrator:
         self._measure = Measure(problem, tolerance)
         self._scheme = HoldingCentered(self._measure)
         self.t, self.q, self.v, self.counts = start.t, start.q, start.v, Counts()
+        # length of the next step
+        self._h = _FIRST
         # controls are evaluated at the start of a step
         self._order = 1 if problem.system.controlled or problem.system.loaded else 2
         # steps at the shortest length since the last that was not
@@ -148,8 +150,8 @@ class AdaptiveIntegrator:
         self._hunts = self._lands_soon = False
 
     def run(self, duration: float) -> Iterator[Stride | Strike]:
-        """Yield the steps and impacts of a run."""
-        end, self._h = self.t + duration, min(_FIRST, duration)
+        """Yield the steps and impacts of a run from the present state on; a further one goes on where it ended."""
+        end = self.t + duration
         rounding = 1e-13 * max(abs(end), duration)
         while end - self.t > rounding:
             near = near_rows(self._problem, self._measure, self.t, self.q, self.v)
@@ -243,8 +245,8 @@ class AdaptiveIntegrator:
         self.t, self.q, self.v = new.t, new.q, new.v
         # with the bound of the shortest, so that a run whose error is never small enough ends
         grown = h * (self._factor(verdict, growth) if keeps else _LONGER)
-        # a step that was cut says little of the next
-        self._h = max(grown, self._h) if cut else grown
+        # a step that was cut, or ends with the run, says little of the next
+        self._h = max(grown, self._h) if cut or h == end - t else grown
         self._hunts = cut and self._lands_soon
         return Stride(t, q, v, found.first, new)
 

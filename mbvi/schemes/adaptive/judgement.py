@@ -12,7 +12,7 @@ from ...problem import Problem
 from ...system.system import Array
 from ..step import Step
 from .closed import returned
-from .doubling import Doubled, common_contacts, held, hidden, lands
+from .doubling import Doubled, common_contacts, hidden, kept, lands
 from .measure import Measure
 
 # gap beyond the displacement of an extrapolation up to which its contacts are looked for, in activation tolerances
@@ -65,7 +65,7 @@ def closed_again(problem: Problem, measure: Measure, resting: Rows, speed: float
     tangents = step.active.tangents
     if tangents is None or not len(resting.gap) or lands(step, resting):
         return step
-    closed, sticks = held(step, resting, measure.still(step.active.constraint, speed))
+    closed, sticks = kept(measure, step, resting, speed)
     if not (closed & (tangents.friction > 0.0)).any():
         return step
     reach = _NEAR * problem.tolerance + h * speed * problem.length

@@ -35,17 +35,19 @@ class Measure:
         Largest error of one step.
     gap : float
         Gap below which a contact counts as closed [m].
+    units : ndarray, shape (nv,)
+        Unit of each velocity; see `velocity_units`.
     """
 
     def __init__(self, problem: Problem, tolerance: float) -> None:
-        self._units, self._length = velocity_units(problem.system, problem.length), problem.length
+        self.units, self._length = velocity_units(problem.system, problem.length), problem.length
         self._constraints, self._tolerance = problem.constraints, tolerance
         self.step = _STEP * tolerance
         self.gap = max(_GAP * tolerance * problem.length, _LEAST_GAP * problem.tolerance)
 
     def size(self, tangent: Array) -> float:
         """Return the largest entry of a displacement or velocity, shape (nv,)."""
-        return float(np.abs(tangent / self._units).max(initial=0.0))
+        return float(np.abs(tangent / self.units).max(initial=0.0))
 
     def error(self, displacement: Array, change: Array, speed: float) -> float:
         """Return the larger of a displacement and a change of velocity, that relative to `speed`, at least 1."""
@@ -69,7 +71,7 @@ class Measure:
 
     def joint_units(self, rows: Array) -> Array:
         """Return the unit of the speed of each joint, which is its row times v, shape (d,): 1 rad/s of hinges."""
-        return np.where((rows != 0.0).sum(axis=1) == 1, np.abs(rows) @ self._units, 1.0)
+        return np.where((rows != 0.0).sum(axis=1) == 1, np.abs(rows) @ self.units, 1.0)
 
     def _row_units(self, number: Array) -> Array:
         return np.ones(len(number)) * self._length / self._constraints.levers(number)

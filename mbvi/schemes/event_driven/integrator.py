@@ -67,12 +67,17 @@ class EventDrivenIntegrator(MotionState):
         # steps and events so far, and the time when progress was last checked; the same of events alone
         self._count, self._checked_time = 0, self.t
         self._events, self._events_time = 0, -np.inf
+        # length of the next step; the rows that a run looks at first
+        self._length, self._first = _FIRST_STEP, self.rows.all
 
     def run(self, duration: float) -> Iterator[RungeKuttaStep | ImpactEvent]:
-        """Yield the steps of the smooth motion, and the impacts between them."""
+        """Yield the steps of the smooth motion, and the impacts between them, from the present state on.
+
+        A further run goes on where the last one ended. Forces may jump between them.
+        """
         # `at_once` counts events without progress in time
-        end, h, at_once = self.problem.t0 + duration, min(_FIRST_STEP, duration), 0
-        yield from change_contacts(self, touching_rows(self, self.rows.all, NO_ROWS))
+        end, h, at_once = self.t + duration, self._length, 0
+        yield from change_contacts(self, touching_rows(self, self._first, NO_ROWS))
         a = self.flow.acceleration(self.t, self.q, self.v, self.closed)
         while self.t < end:
             self._check_progress(duration)
@@ -82,7 +87,8 @@ class EventDrivenIntegrator(MotionState):
                 self.undetermined += self.fallbacks - before
                 a = self.flow.acceleration(self.t, self.q, self.v, self.closed)
                 continue
-            length = min(h, end - self.t, self.flow.longest(self.v))
+            left = end - self.t
+            length = min(h, left, self.flow.longest(self.v))
             try:
                 step, factor, share, first = self._attempt(a, length)
             except (DivergedError, ProjectionError) as error:
@@ -118,10 +124,12 @@ class EventDrivenIntegrator(MotionState):
                     yield from fall_back(self, end)
                     at_once = 0
             else:
-                h = step.h * factor
+                # a step that ends with the run says little of the next
+                h = step.h * factor if length < left else max(h, step.h * factor)
             # a control may react to the contacts that it has just received
             changed = event or self.closed.size or self.observed.active
             a = self.flow.acceleration(self.t, self.q, self.v, self.closed) if changed else step.a
+        self._length, self._first = h, self.closed
 
     def _to(self, time: float, step: RungeKuttaStep, end: float) -> RungeKuttaStep:
         """Move to a time within a step, where the motion ends; return the step up to there."""

@@ -1,0 +1,131 @@
+"""Steps of a `Simulator` by a scheme that chooses its own: as many as lead to the end of each step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ...constraints.contact import Contact
+from ...problem import Problem
+from ...projection import Projector
+from ...results.contacts import ContactLog
+from ...schemes import Adaptive, EventDriven, OwnStepsScheme
+from ...schemes.adaptive.integrator import Stride
+from ...schemes.contact_friction import friction_of
+from ...schemes.event_driven.impact_event import ImpactEvent
+from ...schemes.event_driven.reactions import reactions
+from ...schemes.observer import contacts_of_step
+from ..start import initial_step
+from .adaptive_loop import guarded_integrator
+
+# of a problem the projector for it
+Projectors = Callable[[Problem], Projector]
+
+
+class _AdaptiveSteps:
+    """The steps of `Adaptive` from the initial state of a problem on.
+
+    Attributes
+    ----------
+    integrator
+        Has the present state.
+    contacts : tuple of Contact
+        Those of the law at the initial state.
+    """
+
+    def __init__(self, problem: Problem, scheme: Adaptive, projector: Projector) -> None:
+        start = initial_step(problem, projector)
+        self.integrator, self._observe = guarded_integrator(problem, scheme, projector, start, None)
+        self.contacts = contacts_of_step(start, 0.0, problem.constraints.name)
+
+    def take(self, time: float, log: ContactLog) -> None:
+        """Take steps for some time, and log their contacts."""
+        for part in self.integrator.run(time):
+            if isinstance(part, Stride) and self._observe is not None:
+                self._observe(part.second, part.second.t - part.first.t)
+            for step in (part.first, part.second) if isinstance(part, Stride) else (part.step,):
+                rows = step.active
+                log.add(rows.constraint, rows.point, rows.normal, step.percussion, friction_of(step))
+
+
+class _EventDrivenSteps:
+    """The steps of `EventDriven`; see `_AdaptiveSteps`."""
+
+    def __init__(self, problem: Problem, scheme: EventDriven, projector: Projector) -> None:
+        problem.constraints.renew()
+        self.integrator = scheme.integrator(problem, projector)
+        self.contacts: tuple[Contact, ...] = ()
+        for part in self.integrator.run(0.0):
+            assert isinstance(part, ImpactEvent)
+            self.contacts = self.integrator.observed.of_impact(part)()
+
+    def take(self, time: float, log: ContactLog) -> None:
+        """Take steps for some time, and log their contacts."""
+        for part in self.integrator.run(time):
+            if isinstance(part, ImpactEvent):
+                log.add(part.number, part.point, part.normal, part.rates[0], part.friction)
+                continue
+            for rows in reactions(self.integrator, part):
+                log.add(*rows)
+
+
+class OwnStepper:
+    """Takes a problem from the end of one step to that of the next, by a scheme that chooses its own.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    scheme : OwnStepsScheme
+        The scheme.
+    h : float
+        Length of a step [s].
+    projectors : callable
+        Returns the projector for a problem.
+
+    Attributes
+    ----------
+    q, v : ndarray
+        The present state.
+    done : int
+        Number of the last step.
+    contacts : tuple of Contact
+        Those of the last step, or of the law at the initial state.
+    """
+
+    def __init__(self, problem: Problem, scheme: OwnStepsScheme, h: float, projectors: Projectors) -> None:
+        self._scheme, self._h, self._projectors = scheme, h, projectors
+        self.q, self.v = problem.q0.copy(), problem.v0.copy()
+
+    def begin(self, problem: Problem, t0: float, done: int = 0) -> None:
+        """Go to the initial state of a problem, the one after `done` steps from t0 on."""
+        self._problem, self._t0, self.done = problem, t0, done
+        self._steps = self._started(problem)
+        self.contacts = self._steps.contacts
+        self.q[:], self.v[:] = self._steps.integrator.q, self._steps.integrator.v
+
+    def take(self, last: int) -> None:
+        """Take one step."""
+        problem, steps, end = self._problem, self._steps, self._t0 + (self.done + 1) * self._h
+        frictional, resisting = problem.constraints.frictional, problem.constraints.resistance is not None
+        # a contact that stays closed is one contact, however far it slides
+        log = ContactLog(np.inf, frictional=frictional, resisting=resisting)
+        try:
+            steps.take(end - steps.integrator.t, log)
+        except BaseException:
+            # the integrator has gone on: begin again at the state before
+            t = self._t0 + self.done * self._h
+            self._steps = self._started(problem.at(self.q.copy(), self.v.copy(), t))
+            raise
+        log.close()
+        steps.integrator.t, self.done = end, self.done + 1
+        self.contacts = log.table(problem.constraints.name, 1).interval(0, self._h)
+        self.q[:], self.v[:] = steps.integrator.q, steps.integrator.v
+
+    def _started(self, problem: Problem) -> _AdaptiveSteps | _EventDrivenSteps:
+        scheme, projector = self._scheme, self._projectors(problem)
+        if isinstance(scheme, Adaptive):
+            return _AdaptiveSteps(problem, scheme, projector)
+        assert isinstance(scheme, EventDriven)
+        return _EventDrivenSteps(problem, scheme, projector)
