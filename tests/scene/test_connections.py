@@ -115,6 +115,49 @@ def test_an_equality_of_a_mjcf_holds_as_in_mujoco(tmp_path, equality):
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-9)
 
 
+WELDS = ("", 'relpose=".4 .5 .6 1 0 0 0"', 'relpose=".4 .5 .6 1 0 0 1"')
+
+
+@pytest.mark.parametrize("other", ['body2="b"', ""], ids=["bodies", "world"])
+@pytest.mark.parametrize("relpose", WELDS, ids=["as they are", "apart", "turned"])
+@pytest.mark.parametrize("torque", ["", 'torquescale="0"'], ids=["weld", "point"])
+def test_a_weld_with_an_anchor_is_closed_where_mujoco_closes_it(tmp_path, other, relpose, torque):
+    """By MuJoCo's own residual at the start; without a torque a weld holds its point only."""
+    mujoco = pytest.importorskip("mujoco")
+    (tmp_path / "model.xml").write_text(f"""<mujoco><worldbody>
+      <body name="a" pos="1 0 0"><freejoint/><geom size=".1"/></body>
+      <body name="b" pos="1 .7 0" euler="0 0 30"><freejoint/><geom size=".1"/></body></worldbody>
+      <equality><weld body1="a" {other} anchor=".1 .2 .3" {relpose} {torque}/></equality></mujoco>""")
+    scene = mbvi.Scene()
+    scene.add_mjcf(tmp_path / "model.xml")
+    if (other, torque) == ("", "") and relpose.endswith('1 0 0 1"'):
+        # a quarter of a turn from where it is closed, to either side
+        with pytest.raises(mbvi.InadmissibleStartError, match="half a turn apart from what it asks for"):
+            scene.build()
+        return
+    problem = scene.build()
+    m = mujoco.MjModel.from_xml_path(str(tmp_path / "model.xml"))
+    d, q = mujoco.MjData(m), problem.q0
+    # quaternions begin with w in MuJoCo
+    d.qpos[:] = np.concatenate([np.r_[part[:3], part[6], part[3:6]] for part in (q[:7], q[7:])])
+    mujoco.mj_forward(m, d)
+    rows = 3 if torque else 6
+    assert np.abs(d.efc_pos[:6]).max() <= 1e-12
+    assert len(problem.system.gaps(q)) == rows
+
+
+def test_an_equality_of_bodies_that_move_as_one_is_left_out(tmp_path):
+    pytest.importorskip("mujoco")
+    (tmp_path / "model.xml").write_text("""<mujoco><worldbody><body name="a"><joint/><geom size=".1"/>
+      <body name="b" pos="0 0 1"><geom size=".1"/></body></body><body name="w" pos="1 0 0"><geom size=".1"/></body>
+      </worldbody><equality><weld name="one" body1="w"/><connect name="two" body1="a" body2="b" anchor="0 0 1"/>
+      </equality></mujoco>""")
+    scene = mbvi.Scene()
+    with pytest.warns(mbvi.MbviWarning, match="equality constraint one.*equality constraint two"):
+        scene.add_mjcf(tmp_path / "model.xml")
+    assert not scene.build(resolve=True).system.equalities
+
+
 def _dense(mujoco, m, d):
     J = np.zeros((d.nefc, m.nv))
     mujoco.mju_sparse2dense(J, d.efc_J, d.efc_J_rownnz, d.efc_J_rowadr, d.efc_J_colind)

@@ -340,6 +340,15 @@ def test_what_is_not_modelled_is_named(tmp_path):
     assert load_mjcf(file, pin.SE3.Identity(), name).forces.friction == {"a": 0.2}
 
 
+def test_actuators_of_groups_that_no_file_can_disable_act(tmp_path):
+    for group in (-1, 31, 40):
+        text = ARM.replace("<position ", f'<position group="{group}" ', 1)
+        text = text.replace("<worldbody>", '<option actuatorgroupdisable="7 30"/><worldbody>', 1)
+        scene, _, m = scene_of(text, tmp_path)
+        assert m.actuator_group.tolist().count(group) == 1
+        assert len(scene.build().ctrl) == m.nu
+
+
 @pytest.mark.parametrize("flag", ["spring", "actuation", "clampctrl"])
 def test_flags_are_honoured(flag, tmp_path, recwarn):
     text = ARM.replace("<worldbody>", f'<option><flag {flag}="disable"/></option><worldbody>')

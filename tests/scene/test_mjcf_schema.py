@@ -145,23 +145,25 @@ def test_flags_are_honoured_named_or_without_effect(flag, tmp_path):
             assert not problem.constraints.families
 
 
-def test_disabled_contacts_limits_and_damping_are_left_out(tmp_path):
+def test_disabled_contacts_limits_damping_and_friction_are_left_out(tmp_path):
     model = """<mujoco><option><flag {}="disable"/></option><worldbody><geom type="plane" size="1 1 1"/>
-      <body pos="0 0 .5"><joint name="j" axis="0 1 0" range="-10 10" limited="true" damping="2"/>
+      <body pos="0 0 .5"><joint name="j" axis="0 1 0" range="-10 10" limited="true" damping="2" frictionloss=".5"/>
       <geom size=".1" pos=".2 0 0"/></body></worldbody></mujoco>"""
     found = {}
-    for flag in ("sensor", "contact", "limit", "damper", "constraint"):
+    for flag in ("sensor", "contact", "limit", "damper", "frictionloss", "constraint"):
         said, scene = warned(tmp_path, model.format(flag))
         assert not said
         problem = scene.build((), resolve=True)
         names = [problem.constraints.name(k) for k in range(len(problem.constraints))]
         found[flag] = (
-            any("plane" in n for n in names), any("limit" in n for n in names), bool(problem.model().damping.any())
+            any("plane" in n for n in names), any("limit" in n for n in names), bool(problem.model().damping.any()),
+            problem.system.has_joint_friction,
         )  # fmt: skip
     assert found == {
-        "sensor": (True, True, True),
-        "contact": (False, True, True),
-        "limit": (True, False, True),
-        "damper": (True, True, False),
-        "constraint": (False, False, True),
+        "sensor": (True, True, True, True),
+        "contact": (False, True, True, True),
+        "limit": (True, False, True, True),
+        "damper": (True, True, False, True),
+        "frictionloss": (True, True, True, False),
+        "constraint": (False, False, True, False),
     }

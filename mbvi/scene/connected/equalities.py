@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...errors import InputError
+from ...errors import InadmissibleStartError, InputError
 from ...geometry.shapes.shapes import Array, PlacedShape
 from ...system import System, located_parts
 from ...system.mechanisms.equalities import CoupledJoints, Equality, PointRows, joint_value
@@ -138,6 +138,24 @@ def sides_of(
         own = world if place is None else np.vstack([place.rotation.T, place.position])
         found[name] = Side(body, poses[body], own)
     return found
+
+
+def check_reversed(items: SceneItems, sides: Mapping[str, Side]) -> None:
+    """Raise `InadmissibleStartError` if a weld or hinge is closed, but with its sides half a turn apart.
+
+    Its rows are zero there, too.
+    """
+    for item in items.active_connections:
+        if item.kind == "point":
+            continue
+        both = (sides[item.first], sides[item.second])
+        one, other = (_composed(side.pose, frame) for side, frame in zip(both, frames_of(item, *both), strict=True))
+        along = np.vecdot(one[:3], other[:3])[2 if item.kind == "hinge" else 0 :]
+        if (along < 0.0).any():
+            raise InadmissibleStartError(
+                f"{item.name} closes with {item.first} and {item.second} half a turn apart from what it asks for; "
+                "start nearer to where it is closed"
+            )
 
 
 def check_spheres(items: SceneItems, sides: Mapping[str, Side]) -> None:

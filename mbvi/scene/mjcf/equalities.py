@@ -54,7 +54,9 @@ def equalities_of(m: Any, pose: pin.SE3, own: str, bodies: Sequence[str], joints
     for k in range(m.neq):
         kind, name = int(m.eq_type[k]), m.equality(k).name or f"equality{k}"
         label = made_label(f"{own}_{name}")
-        if kind in (_CONNECT, _WELD):
+        if kind in (_CONNECT, _WELD) and len({m.body_weldid[body] for body in _bodies(m, k)}) == 1:
+            found.omitted.append(Omission(f"equality constraint {name}", "its bodies do not move against each other"))
+        elif kind in (_CONNECT, _WELD):
             found.connections.append(_connection(m, k, pose, own, bodies, label))
         elif kind == _JOINT and not np.any(m.eq_data[k, 2:5]) and _is_simple(m, k):
             found.couplings.append(_coupling(m, k, own, joints, label))
@@ -66,23 +68,35 @@ def equalities_of(m: Any, pose: pin.SE3, own: str, bodies: Sequence[str], joints
     return found
 
 
+def _of_sites(m: Any, k: int) -> bool:
+    """Return whether an equality connects sites, and not bodies."""
+    return int(m.eq_objtype[k]) == int(mujoco_module().mjtObj.mjOBJ_SITE)
+
+
+def _bodies(m: Any, k: int) -> list[int]:
+    """Return the two bodies of a connection or weld."""
+    sides = int(m.eq_obj1id[k]), int(m.eq_obj2id[k])
+    return [int(m.site_bodyid[side]) if _of_sites(m, k) else side for side in sides]
+
+
 def _connection(m: Any, k: int, pose: pin.SE3, own: str, bodies: Sequence[str], label: str) -> ConnectionItem:
     data, kind, sides, places = m.eq_data[k], int(m.eq_type[k]), list[str](), list[Array]()
-    of_sites = int(m.eq_objtype[k]) == int(mujoco_module().mjtObj.mjOBJ_SITE)
-    for number, side in enumerate((int(m.eq_obj1id[k]), int(m.eq_obj2id[k]))):
-        if of_sites:
-            body, place = int(m.site_bodyid[side]), placement(m.site_pos[side], m.site_quat[side])
+    for number, body in enumerate(_bodies(m, k)):
+        if _of_sites(m, k):
+            side = int((m.eq_obj1id, m.eq_obj2id)[number][k])
+            place = placement(m.site_pos[side], m.site_quat[side])
         elif kind == _CONNECT:
-            body, place = side, pin.SE3(np.eye(3), np.array(data[3 * number : 3 * number + 3]))
+            place = pin.SE3(np.eye(3), np.array(data[3 * number : 3 * number + 3]))
         else:
-            # the weld's point is in the frame of the second body, whose pose in the first is given
-            body, place = side, pin.SE3(np.eye(3), np.array(data[:3]))
-            place = place if number else placement(data[3:6], data[6:10]) * place
+            # the point in the second body, and in the first, with the orientation that the second has there
+            place = pin.SE3(np.eye(3), np.array(data[:3])) if number else placement(data[3:6], data[6:10])
         sides.append(f"{own}/{bodies[body]}" if body else "world")
         places.append(_frame(place if body else pose * place))
     (first, second), frames = sides, (places[0], places[1])
     active = bool(m.eq_active0[k])
-    return ConnectionItem(label, "point" if kind == _CONNECT else "weld", first, second, frames=frames, active=active)
+    # without a torque a weld holds its point only
+    point = kind == _CONNECT or not data[10]
+    return ConnectionItem(label, "point" if point else "weld", first, second, frames=frames, active=active)
 
 
 def _frame(place: pin.SE3) -> Array:

@@ -14,6 +14,8 @@ from .file import disabled, mujoco_module
 _FREE, _BALL = range(2)
 _OVER_JOINTS = 1
 _ALL = (-np.inf, np.inf)
+# the last group of actuators that a file can disable
+_LAST_GROUP = 30
 
 
 class MjcfForces(NamedTuple):
@@ -43,7 +45,7 @@ def forces_of(m: Any, joints: Sequence[str]) -> MjcfForces:
     found = MjcfForces([], [], [], [], {})
     for j, name in enumerate(joints):
         lost = float(m.dof_frictionloss[m.jnt_dofadr[j]])
-        if lost and m.jnt_type[j] not in (_FREE, _BALL) and not disabled(m, "FRICTIONLOSS"):
+        if lost and m.jnt_type[j] not in (_FREE, _BALL) and not disabled(m, "FRICTIONLOSS", "CONSTRAINT"):
             found.friction[name] = lost
         stiffness = float(m.jnt_stiffness[j])
         if is_linear_spring(m, j) and not disabled(m, "SPRING"):
@@ -181,7 +183,8 @@ def _reason(m: Any, a: int) -> str:
     def given(*names: str) -> bool:
         return any(np.any(getattr(m, f"actuator_{name}", np.zeros(a + 1))[a]) for name in names)
 
-    if disabled(m, "ACTUATION") or int(m.opt.disableactuator) >> int(m.actuator_group[a]) & 1:
+    group = int(m.actuator_group[a])
+    if disabled(m, "ACTUATION") or (0 <= group <= _LAST_GROUP and int(m.opt.disableactuator) >> group & 1):
         return "the file disables it"
     if m.actuator_dyntype[a] != int(mujoco.mjtDyn.mjDYN_NONE) or given("delay"):
         return "its input acts at once in mbvi"
