@@ -245,6 +245,27 @@ def test_coupled_joints_share_their_friction(tmp_path):
     assert run.loop_gap().max() < 1e-12
 
 
+@every_scheme
+@pytest.mark.parametrize("how", ["brake", "weld"])
+def test_what_an_equality_holds_has_no_friction_to_overcome(tmp_path, how, scheme):
+    """The others move as if the joint had none; it stands still, whichever sign its rounding has."""
+    path = chain(tmp_path, [("continuous", "0 1 0", ""), ("continuous", "0.6 0 0.8", ""), ("continuous", "1 0 0", "")])
+    runs = []
+    for friction in ({"joint 0": 0.3, "joint 1": 0.2}, {"joint 0": 0.3}):
+        scene = mbvi.Scene()
+        joints = {"joint 0": 1.0, "joint 1": 0.7, "joint 2": 0.4}
+        scene.add_urdf(path, base="fixed", joints=joints, joint_friction=friction, name="arm")
+        if how == "brake":
+            scene.couple("arm/joint 1", "arm/joint 0", ratio=0.0, offset=0.7)
+        else:
+            scene.weld("arm/link 0", "arm/link 1")
+        runs.append(mbvi.simulate(scene.build(), scheme, step=2e-3, duration=0.6))
+    held, free = runs
+    assert np.abs(held.v[:, 1]).max() < 1e-12
+    assert np.abs(free.v[:, 0]).max() > 0.5
+    np.testing.assert_allclose(held.v, free.v, rtol=0, atol=1e-9)
+
+
 def test_rollouts_and_a_simulator_have_it_too(tmp_path):
     problem = arm(tmp_path, 0.4, 0.5, floor=-0.9)
     run = mbvi.simulate(problem, mbvi.Centered(), step=1e-3, duration=0.5, progress=False)

@@ -468,6 +468,7 @@ CALLS = {
             "rows_for", "copy_rows", "copy_of", "match_rows", "are_known", "find_nearby", "nearby_rows",
             "write_free_motion", "write_floor", "mark_rows", "raise_sunk",
             "displace", "least_displacement", "move_marks", "follow", "start_of_tangent_law",
+            "keep_the_rest_of_law",
         )
     },
 }  # fmt: skip

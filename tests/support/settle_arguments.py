@@ -13,4 +13,21 @@ def largest_bend(rng):
     return np.where(rng.random(squares.shape) < 0.5, 0.0, squares), displacement
 
 
-SETTLE_ARGUMENTS = {kernel.__name__: kernel for kernel in (largest_travel, largest_bend)}
+def find_moved_groups(rng):
+    """Six parts of two velocities, connected by some rows."""
+    k, part = int(rng.integers(0, 7)), np.repeat(np.arange(6), 2)
+    J = np.zeros((k, 12))
+    for row in J:
+        row[rng.permutation(12)[: int(rng.integers(1, 4))]] = 1.0
+    moved = np.where(rng.random(12) < 0.1, 1e-9, 0.0)
+    return J, moved, 1e-12, part, np.ones(12, bool), np.ones(k, bool)
+
+
+def restore_columns(rng):
+    k, width = int(rng.integers(1, 6)), int(rng.integers(0, 4))
+    return *rng.normal(size=(2, 4 * k * width)), rng.permutation(k), rng.random(k) < 0.5
+
+
+SETTLE_ARGUMENTS = {
+    kernel.__name__: kernel for kernel in (largest_travel, largest_bend, find_moved_groups, restore_columns)
+}

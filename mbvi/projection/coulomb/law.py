@@ -81,6 +81,9 @@ def delassus(J: Array, A: Array, mu: Array, bound: Array, G: Array, scale: Array
                     G[j + q, i + r] = G[i + r, j + q]
         if mu[a] < 0.0:
             G[3 * a, 3 * a] = 1.0
+            if scale[a] == 0.0:
+                # an equality holds this joint, and its friction moves nothing
+                G[3 * a + 1, 3 * a + 1] = 1.0
     bind(bound, G)
 
 
@@ -278,6 +281,8 @@ def law_of_all(
         largest = scale_speeds(table, lower, scale, cancelled, b)
         if largest == np.inf:
             return np.inf, False
+        # of contacts that move nothing all scaled speeds vanish
+        largest = largest if largest > 0.0 else 1.0
         scale_cones(mu, bound, scale, largest, b, cone)
         for i in range(n):
             s = scale[i // 3]

@@ -17,6 +17,7 @@ from ..step import Step, advance_gaps, closing_speeds
 from .closed_contacts import Applied, bears_or_sinks, closed_contacts, stays_sunk
 from .free_impulses import with_gradients_at, with_momentum, without_percussions
 from .least_displacement import Displaced, SunkRows, displacement_of_groups, least_displacement
+from .moved_groups import with_the_rest_of_law
 from .nearby_rows import NearbyRows
 
 
@@ -185,7 +186,7 @@ def _with_tangent_velocity(
     projected configuration: what the new percussions differ by is an impulse there. `marks` are the rows of the law at
     the end of the step, and `place` has the axes of the rows of the projected configuration.
     """
-    step = step._replace(v=applied.end(problem.system, step.v, step.t - applied.t)[1])
+    law, step = step, step._replace(v=applied.end(problem.system, step.v, step.t - applied.t)[1])
     rows = marks._replace(restitution=step.active.restitution)
     near, unmatched = projected.near, np.ones(len(closed), bool)
     unmatched[owner] = False
@@ -208,11 +209,12 @@ def _with_tangent_velocity(
     may_open = closing_speeds(problem, rows, rest)
     if may_open is not None:
         lower = np.where(stays & (may_open > 0.0), np.minimum(lower, -may_open), lower)
-    before = step
-    start = without_percussions(problem, applied.motion, step, rows, np.concatenate([owner, rest_of_law]))
+    before, order = step, np.concatenate([owner, rest_of_law])
+    start = without_percussions(problem, applied.motion, step, rows, order)
     step = _with_bounds(applied, step, rows, lower, projector, start)
     step = step._replace(q=projected.q, residual=max(step.residual, projected.residual))
-    return with_momentum(problem, step, place, before.q, before.v)
+    step = with_momentum(problem, step, place, before.q, before.v)
+    return with_the_rest_of_law(problem, law, before.v, step, order, projected.displacement)
 
 
 def _sticking(problem: Problem, applied: Applied, step: Step) -> Array | None:

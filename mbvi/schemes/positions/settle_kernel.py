@@ -19,6 +19,7 @@ from ..kernels.records import DONE, MechanismStep
 from .bounds_kernel import apply_bounds
 from .closed_kernel import bears_or_sinks, closed_contacts
 from .displacement_kernel import IMPOSSIBLE, Sunk, raise_sunk
+from .moved_groups import keep_the_rest_of_law
 from .nearby_kernel import copy_rows, find_nearby, known_gaps, match_rows, may_sink, nearby_rows
 
 
@@ -235,6 +236,10 @@ def follow(s: MechanismStep, v: Array, half: float, sunk: Sunk, near: RowBuffer,
         if there.lever[i] * there.gap[i] > s.scales.tolerance and (room.closed[a] or s.rates[a] == 0.0):
             lower[i] = -there.gap[i] / half if i < m else min(lower[i], -there.gap[i] / half)
     start_of_tangent_law(s, there, order, start)
+    # those of the law
+    several = s.scales.part.any()
+    rates = s.rates[: 4 * k if several else 0].copy()
+    slip, turn = s.slip[: 2 * len(rates)].copy(), s.turn[: 3 * len(rates)].copy()
     code = apply_bounds(s, there, v, start, lower, 2.0 * half)
     if code != DONE:
         return code
@@ -243,6 +248,8 @@ def follow(s: MechanismStep, v: Array, half: float, sunk: Sunk, near: RowBuffer,
     if len(s.bodies.mass) > 0:
         keep_momentum_of_rows(s.bodies, s.rows.J[:k], s.q, room.after, room.end, sunk.place, s.v)
         write_rates_at(s, s.rows, s.v, 2)
+    if several:
+        keep_the_rest_of_law(s, s.rows.J[:k], sunk.moved, rates, slip, turn, order)
     for j in range(len(s.q)):
         s.q[j] = sunk.place[j]
     return DONE

@@ -1,0 +1,145 @@
+"""Bodies that a position projection does not move keep the velocity of the law, and the percussions of their contacts.
+
+The law acts again where contacts were raised, with the gradients there. Bodies that no contact connects with those
+moved would otherwise bounce by other gradients than those of the law, because of what happens elsewhere.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ...compiled import kernel
+from ...problem import Problem
+from ...system.system import Array, independent_parts
+from ..kernels.records import MechanismStep
+from ..step import Step
+
+# displacement below which nothing was raised, in activation tolerances: projections leave rounding
+_MOVED = 1e-3
+
+
+def moved_groups(J: Any, moved: Array, part: Array) -> tuple[Array, Array]:
+    """Return which velocities and rows belong to parts that a displacement moves, or that rows connect with these.
+
+    Parameters
+    ----------
+    J : ndarray or sparse array, shape (k, nv)
+        Gradients of the rows.
+    moved : ndarray of bool, shape (nv,)
+        Which coordinates it moves.
+    part : ndarray of int, shape (nv,)
+        See `independent_parts`.
+
+    Returns
+    -------
+    velocities, rows : ndarray of bool, shapes (nv,) and (k,)
+    """
+    acts, touched = (J != 0.0).astype(float), np.zeros(int(part.max(initial=-1)) + 1, bool)
+    touched[part[moved]] = True
+    while True:
+        rows = acts @ touched[part].astype(float) > 0.0
+        now = touched.copy()
+        now[part[acts.T @ rows.astype(float) > 0.0]] = True
+        if np.array_equal(now, touched):
+            return touched[part], rows
+        touched = now
+
+
+def with_the_rest_of_law(problem: Problem, law: Step, v: Array, step: Step, order: Array, displacement: Array) -> Step:
+    """Return a step in which the bodies that a displacement, shape (nv,), does not move have the velocity of the law.
+
+    Parameters
+    ----------
+    law : Step
+        The step before the projection.
+    v : ndarray, shape (nv,)
+        The velocity at its end.
+    step : Step
+        The step after the projection.
+    order : ndarray of int, shape (k,)
+        Of each of its rows that of the law.
+    """
+    part = independent_parts(problem.system)
+    if not part.any():
+        return step
+    moved = np.abs(displacement) > _MOVED * problem.tolerance
+    velocities, rows = moved_groups(step.active.jacobian, moved, part)
+    if velocities.all():
+        return step
+    slip = step.slip
+    if slip is not None and law.slip is not None:
+        slip = np.where(rows[:, None], slip, law.slip[:, order])
+    rates = np.where(rows, step.rates, law.rates[:, order])
+    return step._replace(v=np.where(velocities, step.v, v), rates=rates, slip=slip)
+
+
+@kernel("b1(f8[:,::1], f8[::1], f8, i8[::1], b1[::1], b1[::1])")
+def find_moved_groups(J: Array, moved: Array, least: float, part: Array, velocities: Array, rows: Array) -> bool:
+    """Write what `moved_groups` returns, for displacements above `least`; return whether that is all."""
+    n, found, touched = len(moved), True, np.zeros(len(moved), np.bool_)
+    rows[:] = False
+    for k in range(n):
+        if abs(moved[k]) > least:
+            touched[part[k]] = True
+    while found:
+        found = False
+        for i in range(len(J)):
+            reached = False
+            for k in range(n if not rows[i] else 0):
+                reached = reached or (J[i, k] != 0.0 and touched[part[k]])
+            if reached:
+                rows[i] = found = True
+                for k in range(n):
+                    if J[i, k] != 0.0:
+                        touched[part[k]] = True
+    every = True
+    for k in range(n):
+        velocities[k] = touched[part[k]]
+        every = every and velocities[k]
+    return every
+
+
+@kernel("void(f8[::1], f8[::1], i8[::1], b1[::1])")
+def restore_columns(before: Array, values: Array, order: Array, rows: Array) -> None:
+    """Write what some rows had before, four times as many numbers of each: those of rows that are not in `rows`.
+
+    Row i was row `order[i]`. Arrays may have no size.
+    """
+    k = len(order)
+    width = len(before) // (4 * k) if k > 0 else 0
+    for i in range(k):
+        for c in range(4 if not rows[i] else 0):
+            for j in range(width):
+                values[width * (c * k + i) + j] = before[width * (c * k + order[i]) + j]
+
+
+@kernel("void(MechanismStep, f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1], i8[::1])")
+def keep_the_rest_of_law(
+    s: MechanismStep, J: Array, moved: Array, rates: Array, slip: Array, turn: Array, order: Array
+) -> None:
+    """Give the bodies that a displacement does not move the velocity and the percussions of the law.
+
+    Parameters
+    ----------
+    s : MechanismStep
+        After the projection; `room.after` has the velocity of the law at the end of the step.
+    J : ndarray, shape (k, nv)
+        Its rows.
+    moved : ndarray, shape (nv,)
+        The displacement.
+    rates, slip, turn : ndarray
+        Those of the law, of its k rows.
+    order : ndarray of int, shape (k,)
+        Of each row after the projection that of the law.
+    """
+    velocities, rows = np.empty(len(moved), np.bool_), np.empty(len(order), np.bool_)
+    if find_moved_groups(J, moved, _MOVED * s.scales.tolerance, s.scales.part, velocities, rows):
+        return
+    for k in range(len(moved)):
+        if not velocities[k]:
+            s.v[k] = s.room.after[k]
+    restore_columns(rates, s.rates, order, rows)
+    restore_columns(slip, s.slip, order, rows)
+    restore_columns(turn, s.turn, order, rows)
