@@ -86,6 +86,7 @@ class Saltation:
         by_e = self._varied.by_e[self._linear.rows.number[rests]].any()
         if rests.size and (by_e or self._varied.by_p.any()):
             by = "e = 0" if by_e else "parameters"
+            self._linear.choose(None if impact.friction is None else impact.friction.after)
             self.check_forces(impact.t, impact.q, impact.after, impact.closed_after, rests, by)
         bears = impact.percussion > _BEARS * impact.percussion.max(initial=0.0)
         stays = was_closed & (bears | np.isin(rows, impact.closed_after))

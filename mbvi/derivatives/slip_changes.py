@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..system.system import Array
+from .directions import Directions
 from .impacts import Refuse
 from .motion.friction import ChosenModes
 from .motion.linearised import Linearised
@@ -24,6 +25,8 @@ class SlipChanges:
     ----------
     linear : Linearised
         The derivatives of the motion.
+    varied : Directions
+        The columns of the variations.
     refuse : callable
         refuse(reason, rows, time) raises `SensitivityError`.
 
@@ -33,8 +36,8 @@ class SlipChanges:
         The row whose slip vanishes at the end of the last step, as an index of its closed rows; -1 if none does.
     """
 
-    def __init__(self, linear: Linearised, refuse: Refuse) -> None:
-        self._linear, self._refuse, self.stopped = linear, refuse, -1
+    def __init__(self, linear: Linearised, varied: Directions, refuse: Refuse) -> None:
+        self._linear, self._varied, self._refuse, self.stopped = linear, varied, refuse, -1
 
     def carried(
         self,
@@ -63,8 +66,7 @@ class SlipChanges:
         n, k = len(v), self.stopped
         way = linear.friction.turn_to_stop(t, q, v, closed, k)
         before, row = linear.flow.acceleration(t, q, v, closed)[:n], closed[k : k + 1]
-        onto, _ = linear.tangents(t, q, v, closed, np.zeros((len(closed), 0)), False)
-        X = linear.friction.stopped_across(t, q, v, closed, k, onto @ X)
+        X = linear.friction.stopped_across(t, q, v, closed, k, self._kept(at, closed, X))
         T, slopes, along = linear.friction.slip(t, q, v, row)
         rate = float(way @ (T @ before - along))
         terms = float(np.abs(T @ before).max() + np.abs(along).max())
@@ -73,8 +75,12 @@ class SlipChanges:
         shift = -(way @ (slopes @ X[:n] + T @ X[n:])) / rate
         X = np.vstack([X[:n], X[n:] + np.outer(before - after, shift)])
         linear.choose(now[1])
-        onto, _ = linear.tangents(t, q, v, now[0], np.zeros((len(now[0]), 0)), False)
-        kept, units = onto @ X, linear.units[:, None]
+        kept, units = self._kept(at, now[0], X), linear.units[:, None]
         if np.abs((kept - X) / units).max() > _LEFT * np.abs(X / units).max():
             self._refuse("the direction of its slip is not known where it stops", row, t)
         return np.asarray(kept)
+
+    def _kept(self, at: tuple[float, Array, Array], closed: Array, X: Array) -> Array:
+        """Return variations in which closed rows stay closed, and move with their walls."""
+        onto, moved = self._linear.tangents(*at, closed, self._varied.by_gap[self._linear.rows.number[closed]], False)
+        return np.asarray(onto @ X + moved)

@@ -77,7 +77,7 @@ class Variation:
         self._closed = self._held = self.closed_at_start = NO_ROWS
         self.still_at_start: Array | None = None
         self._modes: ChosenModes | None = None
-        self._slips = SlipChanges(self._linear, self._refuse)
+        self._slips = SlipChanges(self._linear, varied, self._refuse)
         self._last_impact = -np.inf, NO_ROWS
         # gaps up to this are at an event [m]
         self._touching = 0.0

@@ -202,3 +202,44 @@ def test_where_there_is_none():
         mbvi.sensitivity(two_feet(), mbvi.Paoli(), duration=0.1)
     with pytest.raises(mbvi.InputError, match=r"constraints that have friction are ball 0 | floor, ball 1 | floor"):
         mbvi.sensitivity(two_feet(), duration=0.1, wrt=["friction of ball 0"])
+
+
+def landing(offset=0.0, mu=0.2):
+    """A ball that falls, slides and rolls."""
+    scene = mbvi.Scene(friction=mu)
+    scene.add_halfspace((0, 0, 1), offset=offset, name="floor")
+    scene.add_sphere(0.1, position=(0, 0, 0.3), velocity=(2, 0.4, 0), name="ball")
+    return scene.build()
+
+
+@pytest.mark.parametrize("duration", [0.22, 0.25, 0.4])
+def test_a_floor_carries_what_slides_and_rolls_on_it(duration):
+    """The height follows the floor, before and after the ball begins to roll; the gradient says the same."""
+    found = mbvi.sensitivity(landing(), duration=duration, wrt=["offset of floor", "state"])
+    d = 1e-6
+    high, low = (mbvi.simulate(landing(x), mbvi.EventDriven(1e-12), duration=duration).q[-1] for x in (d, -d))
+    expected = (high[:3] - low[:3]) / (2 * d)
+    np.testing.assert_allclose(found.matrix[:3, 0], expected, atol=1e-6)
+    assert found.matrix[2, 0] == pytest.approx(1.0, abs=1e-9)
+    row = np.eye(12)[2]
+    found = mbvi.gradient(landing(), lambda q, v: (q[2], row), duration=duration, wrt=["offset of floor"])
+    np.testing.assert_allclose(found.gradient, [1.0], atol=1e-8)
+
+
+@pytest.mark.parametrize("others", [1, 2])
+def test_a_ball_lands_while_others_slide(others):
+    """By parameters: by gravity and friction against v T - mu g T^2 / 2 of those that slide."""
+    scene = mbvi.Scene(friction=0.2)
+    scene.add_halfspace((0, 0, 1), name="floor")
+    for k in range(others):
+        scene.add_sphere(0.1, position=(0, 3 * k, 0.1), velocity=(2 + 0.4 * k, 0, 0), name=f"ball {k}")
+    scene.add_sphere(0.1, position=(0, 9, 0.3), velocity=(3, 0, 0), name="last")
+    T = 0.25
+    found = mbvi.sensitivity(scene.build(), duration=T, wrt=["gravity", "friction"])
+    for k in range(others):
+        np.testing.assert_allclose(found.matrix[6 * k, -2:], [0.2 * T**2 / 2, -G * T**2 / 2], rtol=1e-8)
+    # what lands has the jump of v by mu g t, then less time
+    fall = np.sqrt(2 * 0.2 / G)
+    left = T - fall
+    by_friction = -G * fall * left - G * left**2 / 2
+    assert found.matrix[6 * others, -1] == pytest.approx(by_friction, rel=1e-8)
