@@ -22,6 +22,12 @@ RUNAWAY = 1e16
 DEPTH = 1e-3
 # most shortened steps within one step, and the remaining part of a step that is not shortened again
 _MOST_SHORTENED, _LEAST_REST = 100, 1e-9
+# most times that a shortened step is shortened again because its law leads elsewhere than that of the whole one
+_MOST_AGAIN = 20
+# part of a step that counts as all of it: a shortened step ends just after bodies touch
+_ALL = 0.99
+# largest coordinate of a displacement that is taken as the difference of its ends [rad, m]
+_HALF_TURN = 3.0
 # how much deeper bodies that are not convex get before a step is shortened, in thicknesses
 DEEP = 0.25
 
@@ -100,18 +106,32 @@ class TunnellingGuard:
             part = self._part(state, new, rest)
             if part == 1.0 or rest <= _LEAST_REST * h:
                 break
-            shortened = self._shortened(t + h - rest, state, part * rest, projector)
+            length, shortened = self._until_touching(t + h - rest, state, part * rest, projector)
             self._check(shortened, h)
             if self.observe is not None:
-                self.observe(shortened, part * rest)
+                self.observe(shortened, length)
             yield shortened
-            state, rest = shortened, rest - part * rest
+            state, rest = shortened, rest - length
             new = self._shortened(t + h - rest, state, rest, projector)
         yield new
 
     def _shortened(self, t: float, state: Step, h: float, projector: Projector) -> Step:
         """Return the state at t + h, where h differs from the length of the other steps."""
         return self._scheme.shortened(self._problem, t, state, h, projector)
+
+    def _until_touching(self, t: float, state: Step, h: float, projector: Projector) -> tuple[float, Step]:
+        """Return a step of at most the length h within which no body passes through another, and its length [s].
+
+        A law that acts from the start on may lead elsewhere in a shorter step than in the whole one.
+        """
+        shortened = self._shortened(t, state, h, projector)
+        for _ in range(_MOST_AGAIN):
+            part = self._part(state, shortened, h)
+            if part > _ALL:
+                break
+            h *= part
+            shortened = self._shortened(t, state, h, projector)
+        return h, shortened
 
     def passed(self, state: Step, new: Step, h: float) -> float:
         """Return the part of one step of any length h after which a body would pass through another, 1 if none does."""
@@ -143,23 +163,29 @@ class TunnellingGuard:
     def _part(self, state: Step, new: Step, h: float) -> float:
         """Return the part of a step after which a body would pass through another, 1 if none does."""
         system, before = self._problem.system, self._jump * h * state.v
-        middle = system.integrate(state.q, before)
+        middle, after = system.integrate(state.q, before), (1.0 - self._jump) * h * new.v
+        # of bodies that turn further the difference of two configurations does not know how far
+        follows = np.abs(after).max(initial=0.0) < _HALF_TURN
         for q, displacement, start, length in (
             (state.q, before, 0.0, self._jump),
-            (middle, system.difference(middle, new.q), self._jump, 1.0 - self._jump),
+            (middle, system.difference(middle, new.q) if follows else after, self._jump, 1.0 - self._jump),
         ):
-            share = self._first(q, displacement) if length > 0.0 else 1.0
+            share = self._first(q, displacement, length) if length > 0.0 else 1.0
             if share < 1.0:
                 # a root is a numpy scalar, and so would be the times of steps and impacts
                 return float(start + share * length)
         return 1.0
 
-    def _first(self, q: Array, displacement: Array) -> float:
-        """Return the share of a displacement at which the first pair meets that would pass through each other."""
+    def _first(self, q: Array, displacement: Array, length: float) -> float:
+        """Return the share of a displacement at which the first pair meets that would pass through each other.
+
+        `length` is that of the displacement in steps: pairs pass through each other in a whole one.
+        """
         first = 1.0
         for family in self._watched:
-            for k, travel, thickness in zip(*family.passable(q, displacement), strict=True):
-                first = min(first, self._meets(family, q, displacement, np.array([k]), travel, thickness))
+            for k, travel, thickness in zip(*family.passable(q, displacement / length), strict=True):
+                meets = self._meets(family, q, displacement, np.array([k]), length * travel, thickness)
+                first = min(first, meets)
         return first
 
     def _meets(

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import mbvi
 from mbvi.constraints.families.broad_phase import BroadPhasePairs
@@ -233,3 +234,61 @@ def test_up_to_the_least_displacement_nothing_passes_and_beyond_it_something_may
             assert not len(constraint.passable(problem.q0, 0.999 * way)[0])
             beyond += len(constraint.passable(problem.q0, 8.0 * way)[0]) > 0
         assert beyond
+
+
+def thrown_down(kind, size, seed, speed, e, *, field):
+    """A body that falls on flat ground of triangles, turned and spinning at random, slightly aslant."""
+    rng, turn = np.random.default_rng(seed), Rotation.random(random_state=seed).as_matrix()
+    way = np.array([*(0.15 * rng.normal(size=2)), -1.0])
+    height, spin = 0.7 + rng.uniform(0, 0.3), 5.0 * rng.normal(size=3)
+    scene = mbvi.Scene(restitution=e)
+    if field:
+        scene.add_heightfield(np.zeros((9, 9)), (4, 4))
+    else:
+        corners = [[-2, -2, 0], [2, -2, 0], [2, 2, 0], [-2, 2, 0]]
+        scene.add_surface(corners, [[0, 1, 2], [0, 2, 3]], one_sided=True)
+    start = {"position": (0.03, 0.04, height), "rotation": turn, "angular_velocity": spin}
+    start["velocity"] = speed * way / np.linalg.norm(way)
+    if kind == "box":
+        scene.add_box((2 * size, 1.4 * size, 0.6 * size), **start)
+    elif kind == "capsule":
+        scene.add_capsule(0.5 * size, size, **start)
+    else:
+        scene.add_cylinder(0.7 * size, size, **start)
+    return scene.build(), (height + 0.3) / speed + 0.06
+
+
+def stays_above(run, size):
+    inside = (np.abs(run.q[:, :2]) < 1.8).all(axis=1)
+    # all of the body is within two sizes of its centre
+    return run.q[inside, 2].min() > -2 * size
+
+
+@pytest.mark.parametrize("field", [False, True], ids=["mesh", "field"])
+@pytest.mark.parametrize("kind", ["box", "cylinder", "capsule"])
+@pytest.mark.parametrize(
+    "scheme", [mbvi.StewartTrinkle(), mbvi.Centered(project_positions=True), mbvi.MoreauJean()], ids=lambda s: s.name
+)
+def test_no_swift_body_falls_through_flat_ground(scheme, kind, field):
+    """At 50 m/s, of bodies of 1 cm that turn far within a step after they strike, too."""
+    for seed in range(12):
+        problem, duration = thrown_down(kind, 0.01, seed, 50.0, 0.0, field=field)
+        h = (2e-3, 5e-3, 1e-2)[seed % 3]
+        assert stays_above(mbvi.simulate(problem, scheme, step=h, duration=duration), 0.01), (seed, h)
+
+
+@pytest.mark.parametrize(
+    ("size", "seed", "h", "speed", "e", "field"),
+    [
+        (0.01, 1047, 5.52e-3, 48.5, 1.0, True),
+        (0.02, 1292, 5.39e-3, 32.2, 0.5, False),
+        (0.1, 1548, 1.59e-3, 51.3, 1.0, False),
+        (0.1, 1582, 1.71e-3, 39.1, 0.0, False),
+    ],
+)
+def test_a_body_passes_in_no_step_of_two_short_halves(size, seed, h, speed, e, field):
+    """Each half is shorter than the body is thick, and at the end of both it would be through."""
+    scheme = mbvi.Centered(project_positions=True)
+    for step in h * np.linspace(0.9, 1.1, 9):
+        problem, duration = thrown_down("capsule", size, seed, speed, e, field=field)
+        assert stays_above(mbvi.simulate(problem, scheme, step=step, duration=duration), size), step

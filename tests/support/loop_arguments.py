@@ -487,7 +487,7 @@ def may_pass(rng, seed):
 
 def may_touch(rng, seed):
     s, log, q, v, *_ = _call("may_pass", PAOLI, quadruped, RIGID, 40 + seed)
-    return s, log, int(rng.integers(len(s.constraints.pairs.clearance))), q, rng.uniform(0.0, 0.3) * v
+    return s, log, int(rng.integers(len(s.constraints.pairs.clearance))), q, rng.uniform(0.0, 0.3) * v, 0.5
 
 
 # a callback that changes nothing

@@ -55,11 +55,12 @@ def distance_after(
     return distance_of(s.constraints.shapes, s.constraints.near, pair, near)
 
 
-@kernel("b1(MechanismStep, LoopRecord, i8, f8[::1], f8[::1])")
-def may_touch(s: MechanismStep, log: LoopRecord, column: int, q: Array, displacement: Array) -> bool:
+@kernel("b1(MechanismStep, LoopRecord, i8, f8[::1], f8[::1], f8)")
+def may_touch(s: MechanismStep, log: LoopRecord, column: int, q: Array, displacement: Array, length: float) -> bool:
     """Return whether a pair of shapes that could pass through each other may touch on a displacement, shape (nv,).
 
-    `column` is its place among those that the guard looks at.
+    `column` is its place among those that the guard looks at, and `length` that of the displacement in steps: pairs
+    pass through each other in a whole one.
 
     The search (conservative advancement) takes steps within which the pair cannot touch. A pair that touches at the
     start counts only if it sinks.
@@ -68,7 +69,7 @@ def may_touch(s: MechanismStep, log: LoopRecord, column: int, q: Array, displace
     pair = log.member[column]
     for k in range(len(displacement)):
         travel += abs(displacement[k]) * reach[k, pair]
-    if not travel > thickness:
+    if not travel > length * thickness:
         return False
     near, share = max(tolerance, 0.1 * DEPTH * thickness), 0.0
     gap = distance_after(s, log, pair, q, displacement, 0.0, np.inf)
@@ -230,10 +231,10 @@ def may_pass(s: MechanismStep, log: LoopRecord, q: Array, v: Array, h: float, li
         placed, moved = False, log.tangents[1]
         for k in range(n):
             moved[k] = log.jump * h * v[k]
-        if may_touch(s, log, i, q, moved):
+        if may_touch(s, log, i, q, moved, log.jump):
             return True
         retract(s.mechanism.calls, q, moved, middle)
         tangent(s.mechanism.calls, middle, s.q, moved)
-        if may_touch(s, log, i, middle, moved):
+        if may_touch(s, log, i, middle, moved, 1.0 - log.jump):
             return True
     return False
