@@ -48,6 +48,16 @@ def test_nothing_passes_a_plate(scheme, e, body, speed):
     np.testing.assert_allclose(after, before - (1 + e) * (before @ normal) * normal, rtol=1e-6, atol=1e-6 * speed)
 
 
+@each
+@pytest.mark.parametrize("body", ["ball", "box"])
+def test_nothing_passes_a_plate_at_about_its_thickness_a_step(scheme, body):
+    for speed in np.geomspace(0.3, 4.0, 40):
+        problem, normal = shot_at_a_plate(0.5, speed, body)
+        run = mbvi.simulate(problem, scheme, step=1e-2, duration=0.75 / speed)
+        assert run.impacts, speed
+        assert (run.q[:, :3] @ normal).min() > 0.0, speed
+
+
 @pytest.mark.parametrize("scheme", SCHEMES, ids=lambda s: type(s).__name__)
 def test_a_box_that_spins_fast_clatters_on_a_plate_and_stays_on_its_side(scheme):
     scene = mbvi.Scene(gravity=(0, 0, 0), restitution=0.5)
