@@ -41,6 +41,29 @@ def test_the_nearest_point_of_a_triangle_is_nearest(a, b, c, x):
         np.testing.assert_allclose(foot[0], (a, b, c)[feature[0]], atol=1e-15)
 
 
+@pytest.mark.parametrize("one_sided", [True, None, False])
+def test_triangles_that_are_listed_again_are_left_out(one_sided, rng):
+    """In any turn of their corners; the other way round they are another side, but of a sheet without thickness."""
+    points, triangles = (np.asarray(part) for part in bumps(3))
+    again = np.array([np.roll(one, int(rng.integers(3))) for one in triangles[rng.permutation(len(triangles))]])
+    plain = Surface(points, triangles, one_sided)
+    np.testing.assert_array_equal(plain.triangles, triangles)
+    np.testing.assert_array_equal(Surface(points, np.concatenate([triangles, again]), one_sided).triangles, triangles)
+    back = np.concatenate([triangles, again[:, ::-1]])
+    count = len(triangles) if one_sided is False else 2 * len(triangles)
+    assert len(Surface(points, back, one_sided).triangles) == count
+
+
+def test_a_body_slides_over_a_floor_of_triangles_that_are_listed_twice():
+    points = np.array([[x, y, 0.0] for x in (-2, 0, 2) for y in (-2, 0, 2)])
+    cells = [(0, 3, 4), (0, 4, 1), (1, 4, 5), (1, 5, 2), (3, 6, 7), (3, 7, 4), (4, 7, 8), (4, 8, 5)]
+    scene = mbvi.Scene()
+    scene.add_surface(points, cells + cells, one_sided=True)
+    scene.add_box((0.2, 0.3, 0.1), position=(-0.9, 0.1, 0.1), velocity=(2, 0.3, 0))
+    run = mbvi.simulate(scene.build(), mbvi.Paoli(), step=2e-3, duration=0.8)
+    np.testing.assert_allclose(run.v[-1], [2, 0.3, 0, 0, 0, 0], atol=1e-9)
+
+
 def above(mesh, positions, radius=0.1, **options):
     scene = mbvi.Scene(**options)
     scene.add_surface(*mesh, name="sheet")

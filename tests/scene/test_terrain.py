@@ -125,6 +125,13 @@ def test_wrong_terrain_says_what_is_wrong(call, message, tmp_path):
         call(mbvi.Scene(), tmp_path)
 
 
+@pytest.mark.parametrize("line", ["f 1 2 99999999999999999999", "f 1 2 nothing", "f 1_0 2 3"])
+def test_numbers_that_no_reader_takes_are_refused(line, tmp_path):
+    (tmp_path / "part.obj").write_text(f"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n{line}\n")
+    with pytest.raises(mbvi.MbviError, match=r"part\.obj cannot be read as a mesh"):
+        mbvi.Scene().add_mesh(tmp_path / "part.obj", convex=False)
+
+
 def test_a_coloured_picture_is_refused(tmp_path):
     Image.new("RGB", (4, 4)).save(tmp_path / "red.png")
     with pytest.raises(mbvi.InputError, match="has colours"):

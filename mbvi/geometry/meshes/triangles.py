@@ -46,7 +46,7 @@ class Surface:
     vertices : array_like, shape (v, 3)
         Points [m]; coincident ones are merged.
     triangles : array_like of int, shape (t, 3)
-        The three vertices of each triangle; triangles without an area are left out. Of a one-sided mesh they run
+        The three vertices of each triangle; triangles without an area are left out, and those that are listed again. Of a one-sided mesh they run
         anticlockwise seen from the free side.
     one_sided : bool or None
         Whether it is solid behind its triangles; None: if it is closed.
@@ -91,7 +91,7 @@ class Surface:
             kept = area > (_SAME_VERTEX * extent) ** 2
             if not kept.any():
                 raise InputError("the mesh has no triangle with an area")
-            self.vertices, self.triangles = points, corners[kept].astype(np.int64)
+            self.vertices, self.triangles = points, _each_once(corners[kept].astype(np.int64), one_sided is False)
             bar.update()
             self.features, self.sharers = _features(self.triangles, len(points))
             bar.update(2)
@@ -146,6 +146,19 @@ class Surface:
     def bound(self) -> float:
         """Radius of a ball about the frame's origin that holds the mesh [m]."""
         return float(np.sqrt((self.vertices**2).sum(axis=1).max()))
+
+
+def _each_once(triangles: Array, either_way: bool) -> Array:
+    """Return the triangles, shape (t, 3), without those listed before; with the same corners either way round."""
+    if either_way:
+        a, b, c = np.sort(triangles, axis=1).T
+    else:
+        least, rows = triangles.argmin(axis=1), np.arange(len(triangles))
+        a, b, c = (triangles[rows, (least + k) % 3] for k in range(3))
+    count = int(triangles.max(initial=0)) + 1
+    _, pair = np.unique(a * count + b, return_inverse=True)
+    _, first = np.unique(pair * count + c, return_index=True)
+    return triangles if len(first) == len(triangles) else triangles[np.sort(first)]
 
 
 def _first_of_each(grid: Array) -> tuple[Array, Array]:

@@ -27,6 +27,9 @@ def wavefront_mesh(path: Path) -> tuple[Array, Array, Array | None] | None:
     try:
         for line in path.read_text(encoding="utf-8", errors="replace").replace("\\\n", " ").splitlines():
             key, *words = line.split("#", 1)[0].split() or [""]
+            if key in ("v", "f") and "_" in line.split("#", 1)[0]:
+                # Python would read 1_0 as a number
+                return None
             if key == "v":
                 points.append([float(x) for x in words[:3]])
             elif key == "f":
@@ -44,7 +47,7 @@ def wavefront_mesh(path: Path) -> tuple[Array, Array, Array | None] | None:
                 known |= _materials(path.parent / " ".join(words))
         vertices, triangles = np.array(points, dtype=float).reshape(-1, 3), np.array(corners, dtype=int).reshape(-1, 3)
         used = vertices[triangles.ravel()]
-    except (ValueError, IndexError, OSError):
+    except (ValueError, IndexError, OverflowError, OSError):
         return None
     if all(one is None for one in colors):
         return vertices, triangles, None
