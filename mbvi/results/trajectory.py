@@ -102,7 +102,8 @@ class Trajectory(Outputs):
     def penetration(self) -> Array:
         """Return the deepest penetration of contacts at each time, shape (n + 1,), >= 0 [m].
 
-        It is that of the contacts of each step's law, moved to its end by their rates. Of given functions it is that of their gaps, in the functions' own units.
+        It is that of the contacts of each step's law, moved to its end by their rates. Of given functions it is that of
+        their gaps, in the functions' own units.
         """
         return self.record.penetration
 

@@ -46,8 +46,8 @@ class Surface:
     vertices : array_like, shape (v, 3)
         Points [m]; coincident ones are merged.
     triangles : array_like of int, shape (t, 3)
-        The three vertices of each triangle; triangles without an area are left out, and those that are listed again. Of a one-sided mesh they run
-        anticlockwise seen from the free side.
+        The three vertices of each triangle; triangles without an area are left out, and those that are listed again. Of
+        a one-sided mesh they run anticlockwise seen from the free side.
     one_sided : bool or None
         Whether it is solid behind its triangles; None: if it is closed.
 
