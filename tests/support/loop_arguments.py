@@ -445,6 +445,9 @@ CALLS = {
     },
     "open_beside_bounces": [(DEFAULT, swaying, BOUNCY, 9), (DEFAULT, struck, BOUNCY, 9), (DEFAULT, swaying, MIXED, 20)],
     "advance_gaps": [(DEFAULT, swaying, ROUGH, 12), (DEFAULT, swaying, BOUNCY, 3), (DEFAULT, quadruped, MIXED, 30)],
+    "keep_the_rest_of_law": [
+        (DEFAULT, struck, ROUGH, 20), (DEFAULT, small_heap, MIXED, 9), (DEFAULT, among_boxes, ROUGH, 9),
+    ],
     "has_friction": [(DEFAULT, swaying, ROUGH, 0), (DEFAULT, swaying, RIGID, 5), (CENTERED, hopper, ROUGH, 1)],
     "known_gaps": [(DEFAULT, swaying, ROUGH, 0), (DEFAULT, hopper, ROUGH, 60), (DEFAULT, on_block, ROUGH, 50)],
     "may_pass": [(PAOLI, hopper, BOUNCY, 9), (DEFAULT, quadruped, RIGID, 50), (PAOLI, quadruped, ROUGH, 70)],
@@ -468,7 +471,6 @@ CALLS = {
             "rows_for", "copy_rows", "copy_of", "match_rows", "are_known", "find_nearby", "nearby_rows",
             "write_free_motion", "write_floor", "mark_rows", "raise_sunk",
             "displace", "least_displacement", "move_marks", "follow", "start_of_tangent_law",
-            "keep_the_rest_of_law",
         )
     },
 }  # fmt: skip
@@ -612,7 +614,7 @@ LOOP_ARGUMENTS = {
     "may_pass": may_pass,
     "clearance_of": clearance_of,
     "may_touch": may_touch,
-    "distance_after": lambda rng, seed: (*may_touch(rng, seed), rng.random(), float(rng.choice([0.0, 1.0]))),
+    "distance_after": lambda rng, seed: (*may_touch(rng, seed)[:-1], rng.random(), float(rng.choice([0.0, 1.0]))),
     "write_travels": lambda rng, seed: (rng.random((4, 7)), rng.random(4), np.zeros(7)),
     "rows_by_callback": rows_by_callback,
     "place_bodies": lambda rng, seed: _near(seed)[::2],
