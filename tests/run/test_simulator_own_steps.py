@@ -113,10 +113,10 @@ def test_the_law_acts_at_the_start(scheme, promised):
 
 @both
 def test_an_error_leaves_the_state_before_it(scheme, promised):
-    fails = False
+    fails = np.inf
 
     def control(t, q, v):
-        if fails and t > 0.055:
+        if t > fails:
             raise ValueError("the motor is off")
         return np.r_[np.zeros(7), -5.0]
 
@@ -124,13 +124,15 @@ def test_an_error_leaves_the_state_before_it(scheme, promised):
     expected = simulator.step(10)[0].copy()
     simulator.reset()
     simulator.step(5)
-    before, fails = simulator.q.copy(), True
-    for _ in range(2):
+    before = simulator.q.copy()
+    # within the step, and from its start on
+    for time in (0.055, 0.0, 0.055):
+        fails = time
         with pytest.raises(ValueError, match="the motor is off"):
             simulator.step(10)
         assert simulator.q.tobytes() == before.tobytes()
         assert simulator.t == pytest.approx(0.05)
-    fails = False
+    fails = np.inf
     simulator.step(5)
     np.testing.assert_allclose(simulator.q, expected, rtol=0, atol=promised)
 

@@ -101,25 +101,25 @@ class OwnStepper:
     def begin(self, problem: Problem, t0: float, done: int = 0) -> None:
         """Go to the initial state of a problem, the one after `done` steps from t0 on."""
         self._problem, self._t0, self.done = problem, t0, done
-        self._steps = self._started(problem)
-        self.contacts = self._steps.contacts
-        self.q[:], self.v[:] = self._steps.integrator.q, self._steps.integrator.v
+        steps = self._started(problem)
+        # None after an error
+        self._steps: _AdaptiveSteps | _EventDrivenSteps | None = steps
+        self.contacts = steps.contacts
+        self.q[:], self.v[:] = steps.integrator.q, steps.integrator.v
 
     def take(self, last: int) -> None:
         """Take one step."""
-        problem, steps, end = self._problem, self._steps, self._t0 + (self.done + 1) * self._h
+        problem, end = self._problem, self._t0 + (self.done + 1) * self._h
+        # an integrator that has failed has gone on: the state before is begun from again
+        steps, self._steps = self._steps, None
+        if steps is None:
+            steps = self._started(problem.at(self.q.copy(), self.v.copy(), self._t0 + self.done * self._h))
         frictional, resisting = problem.constraints.frictional, problem.constraints.resistance is not None
         # a contact that stays closed is one contact, however far it slides
         log = ContactLog(np.inf, frictional=frictional, resisting=resisting)
-        try:
-            steps.take(end - steps.integrator.t, log)
-        except BaseException:
-            # the integrator has gone on: begin again at the state before
-            t = self._t0 + self.done * self._h
-            self._steps = self._started(problem.at(self.q.copy(), self.v.copy(), t))
-            raise
+        steps.take(end - steps.integrator.t, log)
         log.close()
-        steps.integrator.t, self.done = end, self.done + 1
+        steps.integrator.t, self.done, self._steps = end, self.done + 1, steps
         self.contacts = log.table(problem.constraints.name, 1).interval(0, self._h)
         self.q[:], self.v[:] = steps.integrator.q, steps.integrator.v
 
