@@ -21,7 +21,7 @@ from ..system import independent_parts
 from .loop.impact_rows import NO_ROWS, LaterRows, RecentPercussions, friction_of_impact, linked
 
 # contact points of one pair in consecutive steps count as the same point within this distance [lengths of the scene]
-_SAME_POINT = 0.1
+SAME_POINT = 0.1
 # the rows before the first step: numbers, points, rates
 _NO_LAST_ROWS = np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((4, 0))
 # steps whose percussions are compared with that of a possible impact; several, because in piles many resting contacts
@@ -172,7 +172,7 @@ class Recorder:
     def __init__(
         self, problem: Problem, count: int, timing: Timing, notes: Sequence[str] = (), contacts: bool = False
     ) -> None:
-        far = _SAME_POINT * problem.length
+        far = SAME_POINT * problem.length
         self.switches: list[Switch] = []
         self._first = problem
         frictional, resisting = problem.constraints.frictional, problem.constraints.resistance is not None
@@ -270,7 +270,7 @@ class Recorder:
             order = np.argsort(last_number, kind="stable")
             last_number, last_point = last_number[order], last_point[order]
             last_rates = np.ascontiguousarray(last_rates[:, order])
-        far = _SAME_POINT * self.problem.length
+        far = SAME_POINT * self.problem.length
         if step.at_once is not None and last is not None:
             # an impact goes on in the next step, and its contact point moves with the body
             h = step.t - last.t

@@ -64,12 +64,12 @@ class Simulator:
         chosen = time_stepping(problem)[0] if scheme is None else checked_for(problem, scheme)
         h = positive(step, "step")
         self._scheme, self._h, self._first = chosen, h, problem
-        self._take(problem)
+        self._take(problem, _stepper(problem, chosen, h))
         self.reset()
 
-    def _take(self, problem: Problem) -> None:
+    def _take(self, problem: Problem, stepper: _PythonStepper | _CompiledStepper | OwnStepper) -> None:
         """Step a problem from now on."""
-        self._given, self._stepper = problem, _stepper(problem, self._scheme, self._h)
+        self._given, self._stepper = problem, stepper
         self.q, self.v = self._stepper.q.view(), self._stepper.v.view()
         self.q.flags.writeable = self.v.flags.writeable = False
 
@@ -103,10 +103,11 @@ class Simulator:
             On wrong shapes, numbers that are not finite, an unnormalised quaternion.
         """
         given = self._first
-        if self._given is not given:
-            self._take(given)
         start = given.at(given.q0 if q is None else q, given.v0 if v is None else v, given.t0 if t is None else t)
-        self._stepper.begin(start, start.t0)
+        stepper = self._stepper if self._given is given else _stepper(given, self._scheme, self._h)
+        stepper.begin(start, start.t0)
+        if stepper is not self._stepper:
+            self._take(given, stepper)
         self._t0, self._begun = start.t0, 0
         return self.q, self.v
 
@@ -224,8 +225,10 @@ class Simulator:
         """Go on with a problem of other connections, from the present state."""
         done = self._stepper.done
         start = connected_at(problem, self.t, self.q.copy(), self.v.copy(), self._scheme, attached=attached)
-        self._take(start)
-        self._stepper.begin(start, self._t0, done)
+        # where that fails, the steps go on as before
+        stepper = _stepper(start, self._scheme, self._h)
+        stepper.begin(start, self._t0, done)
+        self._take(start, stepper)
         self._begun = done
 
     @property

@@ -27,7 +27,7 @@ _MOST_AGAIN = 20
 # part of a step that counts as all of it: a shortened step ends just after bodies touch
 _ALL = 0.99
 # largest coordinate of a displacement that is taken as the difference of its ends [rad, m]
-_HALF_TURN = 3.0
+HALF_TURN = 3.0
 # how much deeper bodies that are not convex get before a step is shortened, in thicknesses
 DEEP = 0.25
 
@@ -165,7 +165,7 @@ class TunnellingGuard:
         system, before = self._problem.system, self._jump * h * state.v
         middle, after = system.integrate(state.q, before), (1.0 - self._jump) * h * new.v
         # of bodies that turn further the difference of two configurations does not know how far
-        follows = np.abs(after).max(initial=0.0) < _HALF_TURN
+        follows = np.abs(after).max(initial=0.0) < HALF_TURN
         for q, displacement, start, length in (
             (state.q, before, 0.0, self._jump),
             (middle, system.difference(middle, new.q) if follows else after, self._jump, 1.0 - self._jump),

@@ -5,9 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.sparse import csr_array
+from scipy.spatial.transform import Rotation
 
 import mbvi
-from mbvi.schemes.positions.moved_groups import find_moved_groups, moved_groups
+from mbvi.schemes.positions.moved_groups import find_moved_groups, moved_groups, restore_columns
 
 SCHEMES = [mbvi.Centered(project_positions=True), mbvi.MoreauJean(0.5, project_positions=True)]
 
@@ -44,6 +45,43 @@ def test_a_far_robot_and_a_box_in_the_air_change_no_impact(scheme, step, frictio
         np.testing.assert_allclose(one.percussion, other.percussion, rtol=close, atol=close)
 
 
+TABLE = """<robot name="table"><link name="base"/><joint name="axle" type="continuous"><parent link="base"/>
+  <child link="disc"/><axis xyz="0 0 1"/></joint><link name="disc"><inertial><mass value="2"/>
+  <inertia ixx=".1" iyy=".1" izz=".2" ixy="0" ixz="0" iyz="0"/></inertial>
+  <collision><geometry><cylinder radius=".8" length=".1"/></geometry></collision></link></robot>"""
+
+
+@pytest.mark.parametrize("compiled", [True, False], ids=["loop", "python"])
+@pytest.mark.parametrize("friction", [0.8, (0.8, 0.05, 0.01)], ids=["sliding", "torsion"])
+@pytest.mark.parametrize("scheme", SCHEMES, ids=lambda scheme: scheme.name)
+def test_what_friction_alone_connects_moves_as_one(tmp_path, monkeypatch, scheme, friction, compiled):
+    """Normals do not turn a turntable, friction does: bodies on it keep the sum of their angular momenta about it."""
+    if not compiled:
+        monkeypatch.setattr("mbvi.run.loop.compiled_loop.is_compiled", lambda *_: False)
+    (tmp_path / "table.urdf").write_text(TABLE)
+    scene = mbvi.Scene(friction=friction)
+    scene.add_urdf(tmp_path / "table.urdf", base="fixed", name="table")
+    tilt = Rotation.from_euler("xy", [0.1, 0.15]).as_matrix()
+    spin = {"rotation": tilt, "angular_velocity": (0, 0, 6.0)}
+    scene.add_box((0.2, 0.2, 0.1), mass=1.0, position=(0.4, 0, 0.2), velocity=(0, -0.5, 0), name="box", **spin)
+    scene.add_sphere(0.1, mass=1.0, position=(-0.3, 0.2, 0.3), velocity=(0.4, 0, 0), name="ball")
+    problem = scene.build()
+    run = mbvi.simulate(problem, scheme, step=4e-3, duration=0.4)
+    box, ball, table = (problem.scene.places().of(name) for name in ("box", "ball", "table"))
+    inertia = {"box": np.diag([0.05, 0.05, 0.08]) / 12.0, "ball": 0.004 * np.eye(3)}
+
+    def momentum(q, v):
+        total = 0.2 * v[table.v][0]
+        for name, place in (("box", box), ("ball", ball)):
+            turn, own = Rotation.from_quat(q[place.q][3:]).as_matrix(), v[place.v]
+            total += np.cross(q[place.q][:3], own[:3])[2] + (turn @ inertia[name] @ own[3:])[2]
+        return total
+
+    found = np.array([momentum(q, v) for q, v in zip(run.q, run.v, strict=True)])
+    assert abs(run.v[-1][table.v][0]) > 0.05
+    assert np.abs(np.diff(found)).max() < 2e-3
+
+
 @given(st.integers(0, 2**32 - 1))
 def test_groups_are_those_of_all_paths(seed):
     """Against powers of the matrix that says which parts a row connects."""
@@ -66,3 +104,14 @@ def test_groups_are_those_of_all_paths(seed):
     assert find_moved_groups(J, moved, 0.5, part, *written) == velocities.all()
     np.testing.assert_array_equal(written[0], velocities)
     np.testing.assert_array_equal(written[1], rows)
+
+
+@pytest.mark.parametrize("width", [1, 2, 3])
+def test_what_rows_had_comes_back_to_where_they_are_now(rng, width):
+    """Four tables of three rows each, of which rows 0 and 2 were rows 2 and 1; row 1 keeps what it has."""
+    before, values = rng.normal(size=(2, 4, 3, width))
+    expected = values.copy()
+    expected[:, 0], expected[:, 2] = before[:, 2], before[:, 1]
+    found = values.ravel().copy()
+    restore_columns(before.ravel(), found, np.array([2, 0, 1]), np.array([False, True, False]))
+    np.testing.assert_array_equal(found, expected.ravel())

@@ -445,9 +445,10 @@ CALLS = {
     },
     "open_beside_bounces": [(DEFAULT, swaying, BOUNCY, 9), (DEFAULT, struck, BOUNCY, 9), (DEFAULT, swaying, MIXED, 20)],
     "advance_gaps": [(DEFAULT, swaying, ROUGH, 12), (DEFAULT, swaying, BOUNCY, 3), (DEFAULT, quadruped, MIXED, 30)],
-    "keep_the_rest_of_law": [
-        (DEFAULT, struck, ROUGH, 20), (DEFAULT, small_heap, MIXED, 9), (DEFAULT, among_boxes, ROUGH, 9),
-    ],
+    **{
+        name: [(DEFAULT, struck, ROUGH, 20), (DEFAULT, small_heap, MIXED, 9), (DEFAULT, among_boxes, ROUGH, 9)]
+        for name in ("keep_the_rest_of_law", "write_acting")
+    },
     "has_friction": [(DEFAULT, swaying, ROUGH, 0), (DEFAULT, swaying, RIGID, 5), (CENTERED, hopper, ROUGH, 1)],
     "known_gaps": [(DEFAULT, swaying, ROUGH, 0), (DEFAULT, hopper, ROUGH, 60), (DEFAULT, on_block, ROUGH, 50)],
     "may_pass": [(PAOLI, hopper, BOUNCY, 9), (DEFAULT, quadruped, RIGID, 50), (PAOLI, quadruped, ROUGH, 70)],

@@ -16,7 +16,7 @@ from ...system.mechanisms.mechanism import place
 from ...system.mechanisms.pinocchio_address import retract, tangent
 from ...system.system import Array
 from ..control_stability import TURN
-from ..tunnelling import DEEP, DEPTH, RUNAWAY
+from ..tunnelling import DEEP, DEPTH, HALF_TURN, RUNAWAY
 from .loop_record import LoopRecord
 
 # configurations at which a pair is measured along a displacement
@@ -202,8 +202,8 @@ def may_pass(s: MechanismStep, log: LoopRecord, q: Array, v: Array, h: float, li
         return not fastest < log.slow_speed
     if total < 1.0:
         return False
-    if h * fastest > TURN:
-        # gains may be what turns it
+    if h * fastest > TURN or (1.0 - log.jump) * h * fastest >= HALF_TURN:
+        # gains may be what turns it, and the way of what turns so far is not known from its ends
         return True
     travel, placed = log.travel, False
     write_travels(log.shares, speed, travel)

@@ -16,6 +16,7 @@ from ...schemes.contact_friction import friction_of
 from ...schemes.event_driven.impact_event import ImpactEvent
 from ...schemes.event_driven.reactions import reactions
 from ...schemes.observer import contacts_of_step
+from ..recorder import SAME_POINT
 from ..start import initial_step
 from .adaptive_loop import guarded_integrator
 
@@ -100,8 +101,8 @@ class OwnStepper:
 
     def begin(self, problem: Problem, t0: float, done: int = 0) -> None:
         """Go to the initial state of a problem, the one after `done` steps from t0 on."""
-        self._problem, self._t0, self.done = problem, t0, done
         steps = self._started(problem)
+        self._problem, self._t0, self.done = problem, t0, done
         # None after an error
         self._steps: _AdaptiveSteps | _EventDrivenSteps | None = steps
         self.contacts = steps.contacts
@@ -115,8 +116,9 @@ class OwnStepper:
         if steps is None:
             steps = self._started(problem.at(self.q.copy(), self.v.copy(), self._t0 + self.done * self._h))
         frictional, resisting = problem.constraints.frictional, problem.constraints.resistance is not None
-        # a contact that stays closed is one contact, however far it slides
-        log = ContactLog(np.inf, frictional=frictional, resisting=resisting)
+        # of `EventDriven` a contact that stays closed is one contact, however far it slides
+        same = SAME_POINT * problem.length if isinstance(self._scheme, Adaptive) else np.inf
+        log = ContactLog(same, frictional=frictional, resisting=resisting)
         steps.take(end - steps.integrator.t, log)
         log.close()
         steps.integrator.t, self.done, self._steps = end, self.done + 1, steps

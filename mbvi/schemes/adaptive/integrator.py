@@ -246,7 +246,7 @@ class AdaptiveIntegrator:
         # with the bound of the shortest, so that a run whose error is never small enough ends
         grown = h * (self._factor(verdict, growth) if keeps else _LONGER)
         # a step that was cut, or ends with the run, says little of the next
-        self._h = max(grown, self._h) if cut or h == end - t else grown
+        self._h = max(grown, self._h) if cut or (h == end - t and h < wanted) else grown
         self._hunts = cut and self._lands_soon
         return Stride(t, q, v, found.first, new)
 

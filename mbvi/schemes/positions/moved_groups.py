@@ -1,7 +1,8 @@
 """Bodies that a position projection does not move keep the velocity of the law, and the percussions of their contacts.
 
 The law acts again where contacts were raised, with the gradients there. Bodies that no contact connects with those
-moved would otherwise bounce by other gradients than those of the law, because of what happens elsewhere.
+moved, by its normal, its tangents or its rotations, would otherwise bounce by other gradients than those of the law,
+because of what happens elsewhere.
 """
 
 from __future__ import annotations
@@ -9,8 +10,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from ...compiled import kernel
+from ...constraints import Rows
+from ...constraints.mechanism.tables import RowBuffer
 from ...problem import Problem
 from ...system.system import Array, independent_parts
 from ..kernels.records import MechanismStep
@@ -20,13 +24,23 @@ from ..step import Step
 _MOVED = 1e-3
 
 
-def moved_groups(J: Any, moved: Array, part: Array) -> tuple[Array, Array]:
+def acting(rows: Rows) -> Any:
+    """Return a matrix that is not zero where a contact acts on a velocity, also by its friction, shape (k, nv)."""
+    J, tangents = abs(rows.jacobian), rows.tangents
+    if tangents is None:
+        return J
+    number = np.arange(tangents.jacobian.shape[0])
+    sums = csr_array((np.ones(len(number)), (number // tangents.width, number)), shape=(J.shape[0], len(number)))
+    return J + sums @ abs(tangents.jacobian)
+
+
+def moved_groups(reach: Any, moved: Array, part: Array) -> tuple[Array, Array]:
     """Return which velocities and rows belong to parts that a displacement moves, or that rows connect with these.
 
     Parameters
     ----------
-    J : ndarray or sparse array, shape (k, nv)
-        Gradients of the rows.
+    reach : ndarray or sparse array, shape (k, nv)
+        See `acting`.
     moved : ndarray of bool, shape (nv,)
         Which coordinates it moves.
     part : ndarray of int, shape (nv,)
@@ -36,7 +50,7 @@ def moved_groups(J: Any, moved: Array, part: Array) -> tuple[Array, Array]:
     -------
     velocities, rows : ndarray of bool, shapes (nv,) and (k,)
     """
-    acts, touched = (J != 0.0).astype(float), np.zeros(int(part.max(initial=-1)) + 1, bool)
+    acts, touched = (reach != 0.0).astype(float), np.zeros(int(part.max(initial=-1)) + 1, bool)
     touched[part[moved]] = True
     while True:
         rows = acts @ touched[part].astype(float) > 0.0
@@ -65,7 +79,7 @@ def with_the_rest_of_law(problem: Problem, law: Step, v: Array, step: Step, orde
     if not part.any():
         return step
     moved = np.abs(displacement) > _MOVED * problem.tolerance
-    velocities, rows = moved_groups(step.active.jacobian, moved, part)
+    velocities, rows = moved_groups(acting(step.active), moved, part)
     if velocities.all():
         return step
     slip = step.slip
@@ -76,7 +90,7 @@ def with_the_rest_of_law(problem: Problem, law: Step, v: Array, step: Step, orde
 
 
 @kernel("b1(f8[:,::1], f8[::1], f8, i8[::1], b1[::1], b1[::1])")
-def find_moved_groups(J: Array, moved: Array, least: float, part: Array, velocities: Array, rows: Array) -> bool:
+def find_moved_groups(reach: Array, moved: Array, least: float, part: Array, velocities: Array, rows: Array) -> bool:
     """Write what `moved_groups` returns, for displacements above `least`; return whether that is all."""
     n, found, touched = len(moved), True, np.zeros(len(moved), np.bool_)
     rows[:] = False
@@ -85,14 +99,14 @@ def find_moved_groups(J: Array, moved: Array, least: float, part: Array, velocit
             touched[part[k]] = True
     while found:
         found = False
-        for i in range(len(J)):
+        for i in range(len(reach)):
             reached = False
             for k in range(n if not rows[i] else 0):
-                reached = reached or (J[i, k] != 0.0 and touched[part[k]])
+                reached = reached or (reach[i, k] != 0.0 and touched[part[k]])
             if reached:
                 rows[i] = found = True
                 for k in range(n):
-                    if J[i, k] != 0.0:
+                    if reach[i, k] != 0.0:
                         touched[part[k]] = True
     every = True
     for k in range(n):
@@ -115,18 +129,26 @@ def restore_columns(before: Array, values: Array, order: Array, rows: Array) -> 
                 values[width * (c * k + i) + j] = before[width * (c * k + order[i]) + j]
 
 
-@kernel("void(MechanismStep, f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1], i8[::1])")
-def keep_the_rest_of_law(
-    s: MechanismStep, J: Array, moved: Array, rates: Array, slip: Array, turn: Array, order: Array
-) -> None:
+@kernel("void(RowBuffer, f8[:,::1])")
+def write_acting(rows: RowBuffer, reach: Array) -> None:
+    """Write what `acting` returns."""
+    for i in range(len(reach)):
+        for k in range(reach.shape[1]):
+            reach[i, k] = abs(rows.J[i, k])
+            for c in range(2 if len(rows.T) > 0 else 0):
+                reach[i, k] += abs(rows.T[2 * i + c, k])
+            for c in range(3 if len(rows.R) > 0 else 0):
+                reach[i, k] += abs(rows.R[3 * i + c, k])
+
+
+@kernel("void(MechanismStep, f8[::1], f8[::1], f8[::1], f8[::1], i8[::1])")
+def keep_the_rest_of_law(s: MechanismStep, moved: Array, rates: Array, slip: Array, turn: Array, order: Array) -> None:
     """Give the bodies that a displacement does not move the velocity and the percussions of the law.
 
     Parameters
     ----------
     s : MechanismStep
         After the projection; `room.after` has the velocity of the law at the end of the step.
-    J : ndarray, shape (k, nv)
-        Its rows.
     moved : ndarray, shape (nv,)
         The displacement.
     rates, slip, turn : ndarray
@@ -135,7 +157,9 @@ def keep_the_rest_of_law(
         Of each row after the projection that of the law.
     """
     velocities, rows = np.empty(len(moved), np.bool_), np.empty(len(order), np.bool_)
-    if find_moved_groups(J, moved, _MOVED * s.scales.tolerance, s.scales.part, velocities, rows):
+    reach = np.empty((len(order), len(moved)))
+    write_acting(s.rows, reach)
+    if find_moved_groups(reach, moved, _MOVED * s.scales.tolerance, s.scales.part, velocities, rows):
         return
     for k in range(len(moved)):
         if not velocities[k]:

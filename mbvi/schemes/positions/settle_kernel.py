@@ -249,7 +249,7 @@ def follow(s: MechanismStep, v: Array, half: float, sunk: Sunk, near: RowBuffer,
         keep_momentum_of_rows(s.bodies, s.rows.J[:k], s.q, room.after, room.end, sunk.place, s.v)
         write_rates_at(s, s.rows, s.v, 2)
     if several:
-        keep_the_rest_of_law(s, s.rows.J[:k], sunk.moved, rates, slip, turn, order)
+        keep_the_rest_of_law(s, sunk.moved, rates, slip, turn, order)
     for j in range(len(s.q)):
         s.q[j] = sunk.place[j]
     return DONE
