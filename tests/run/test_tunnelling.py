@@ -302,3 +302,18 @@ def test_a_body_passes_in_no_step_of_two_short_halves(size, seed, h, speed, e, f
     for step in h * np.linspace(0.9, 1.1, 9):
         problem, duration = thrown_down("capsule", size, seed, speed, e, field=field)
         assert stays_above(mbvi.simulate(problem, scheme, step=step, duration=duration), size), step
+
+
+@pytest.mark.parametrize(
+    "scheme", [mbvi.StewartTrinkle(), mbvi.MoreauJean(1.0), mbvi.Paoli()], ids=["trinkle", "jean", "paoli"]
+)
+def test_a_rod_that_turns_by_more_than_half_a_turn_strikes_what_is_in_its_way(scheme):
+    """Its ends alone do not say how far it turned; the cube is in the way of one of its halves at any angle."""
+    h = 1e-2
+    for turn in (4.0, 5.0, 6.0):
+        for angle in np.linspace(0.5, 2.9, 6):
+            scene = mbvi.Scene(gravity=(0, 0, 0), restitution=0.5)
+            scene.add_box((1.0, 0.02, 0.02), position=(0, 0, 0), angular_velocity=(0, 0, turn / h), name="rod")
+            scene.add_box((0.06, 0.06, 0.06), position=(0.4 * np.cos(angle), 0.4 * np.sin(angle), 0), name="cube")
+            run = mbvi.simulate(scene.build(), scheme, step=h, duration=h)
+            assert np.abs(run.v[-1][6:]).max() > 1e-6, (turn, angle)
