@@ -29,7 +29,7 @@ from ..problem import Problem
 from ..system import ConnectedSystem, HingedSystem, System
 from ..system.mechanisms.equalities import Equality
 from .blocks import Blocks, blocks_of
-from .connected.equalities import check_reversed, equalities_between, sides_at
+from .connected.equalities import check_reversed, equalities_between
 from .connected.hinges import acting_hinges, hinge_limits
 from .forces.actuation import actuated
 from .items import SceneItems, SurfaceItem
@@ -329,15 +329,12 @@ def assemble(
         acted = ConnectedSystem(acted, between) if hinges is None else HingedSystem(acted, between, hinges)
     if start is None and at is None:
         start = closed_start(acted, q0)
-        if items.connections:
-            now = q0 if start is None else start.q
-            check_reversed(items, sides_at(items, system, blocks.frames, blocks.shapes, now))
+        check_reversed(items, system, blocks.frames, blocks.shapes, q0 if start is None else start.q)
     if resolve:
         start = resolved(acted, constraints, q0 if start is None else start.q, blocks.length) or start
     q0 = at if at is not None else q0 if start is None else start.q
     v0 = acted.tangent(q0, v0)
-    made = tuple(blocks.shapes), omitted, reduce, acted, tuple(constraints), start, at is not None
-    scene = SceneModel(items, *made)
+    scene = SceneModel(items, tuple(blocks.shapes), omitted, reduce, acted, tuple(constraints), start, at is not None)
     problem = Problem(
         acted,
         constraints,

@@ -346,7 +346,7 @@ def parts_of(system: System) -> tuple[System, ...]:
 
 
 def independent_parts(system: System) -> Array:
-    """Return which part of a system each velocity belongs to, shape (nv,): a mechanism, one free body, or a group."""
+    """Return which mechanism, free body or group of these each velocity belongs to, shape (nv,), the last largest."""
     parts, count = [], 0
     for one in parts_of(system):
         bodies = one.independent_bodies
@@ -355,5 +355,5 @@ def independent_parts(system: System) -> Array:
     found = np.concatenate(parts)
     for columns in system.coupled():
         # what equalities connect does not move independently
-        found[np.isin(found, found[columns])] = found[columns].min()
+        found[np.isin(found, found[columns])] = found[columns].max()
     return found

@@ -115,7 +115,10 @@ def test_an_equality_of_a_mjcf_holds_as_in_mujoco(tmp_path, equality):
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-9)
 
 
-WELDS = ("", 'relpose=".4 .5 .6 1 0 0 0"', 'relpose=".4 .5 .6 1 0 0 1"')
+WELDS = ("", 'relpose=".4 .5 .6 1 0 0 0"', 'relpose=".4 .5 .6 1 0 0 .5"')
+FREE_BODIES = """<mujoco><worldbody><body name="a" pos="1 0 0"><freejoint/><geom size=".1"/></body>
+  <body name="b" pos="1 .7 0" euler="0 0 30"><freejoint/><geom size=".1"/></body></worldbody>
+  <equality>{}</equality></mujoco>"""
 
 
 @pytest.mark.parametrize("other", ['body2="b"', ""], ids=["bodies", "world"])
@@ -124,17 +127,10 @@ WELDS = ("", 'relpose=".4 .5 .6 1 0 0 0"', 'relpose=".4 .5 .6 1 0 0 1"')
 def test_a_weld_with_an_anchor_is_closed_where_mujoco_closes_it(tmp_path, other, relpose, torque):
     """By MuJoCo's own residual at the start; without a torque a weld holds its point only."""
     mujoco = pytest.importorskip("mujoco")
-    (tmp_path / "model.xml").write_text(f"""<mujoco><worldbody>
-      <body name="a" pos="1 0 0"><freejoint/><geom size=".1"/></body>
-      <body name="b" pos="1 .7 0" euler="0 0 30"><freejoint/><geom size=".1"/></body></worldbody>
-      <equality><weld body1="a" {other} anchor=".1 .2 .3" {relpose} {torque}/></equality></mujoco>""")
+    weld = f'<weld body1="a" {other} anchor=".1 .2 .3" {relpose} {torque}/>'
+    (tmp_path / "model.xml").write_text(FREE_BODIES.format(weld))
     scene = mbvi.Scene()
     scene.add_mjcf(tmp_path / "model.xml")
-    if (other, torque) == ("", "") and relpose.endswith('1 0 0 1"'):
-        # a quarter of a turn from where it is closed, to either side
-        with pytest.raises(mbvi.InadmissibleStartError, match="half a turn apart from what it asks for"):
-            scene.build()
-        return
     problem = scene.build()
     m = mujoco.MjModel.from_xml_path(str(tmp_path / "model.xml"))
     d, q = mujoco.MjData(m), problem.q0
@@ -144,6 +140,16 @@ def test_a_weld_with_an_anchor_is_closed_where_mujoco_closes_it(tmp_path, other,
     rows = 3 if torque else 6
     assert np.abs(d.efc_pos[:6]).max() <= 1e-12
     assert len(problem.system.gaps(q)) == rows
+
+
+def test_a_weld_that_closes_upside_down_is_refused(tmp_path):
+    """Its rows are zero there, too. It starts a quarter of a turn from either."""
+    pytest.importorskip("mujoco")
+    (tmp_path / "model.xml").write_text(FREE_BODIES.format('<weld body1="a" relpose=".4 .5 .6 1 0 0 1"/>'))
+    scene = mbvi.Scene()
+    scene.add_mjcf(tmp_path / "model.xml")
+    with pytest.raises(mbvi.InadmissibleStartError, match="turned by 180 degrees relative to world"):
+        scene.build()
 
 
 def test_an_equality_of_bodies_that_move_as_one_is_left_out(tmp_path):

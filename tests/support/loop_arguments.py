@@ -534,7 +534,7 @@ def displacement_of_groups(rng, seed):
 
 def independent_groups(rng, seed):
     s, active, _ = _sunk(seed)
-    return active, s.scales.part, np.empty(active.size[0], np.int64)
+    return active.J[: active.size[0]].copy(), s.scales.part, np.empty(active.size[0], np.int64)
 
 
 def project_moving(rng, seed):

@@ -172,7 +172,7 @@ def run_adaptive(
 def guarded_integrator(
     problem: Problem, scheme: Adaptive, projector: Projector, start: Step, stop: Stop | None
 ) -> tuple[AdaptiveIntegrator, Callable[[Step, float], None] | None]:
-    """Return an integrator that lets no body pass through another, and what is to be told of its steps, if anything."""
+    """Return an integrator with a tunnelling guard, and the observer of its steps, if a control reads contacts."""
     guard = TunnellingGuard(problem, Centered(project_positions=True), 1.0)
     if guard.observe is not None and start.percussion.any():
         guard.observe(start, 0.0)

@@ -140,21 +140,23 @@ def sides_of(
     return found
 
 
-def check_reversed(items: SceneItems, sides: Mapping[str, Side]) -> None:
-    """Raise `InadmissibleStartError` if a weld or hinge is closed, but with its sides half a turn apart.
+def check_reversed(
+    items: SceneItems, system: System, frames: Mapping[str, PlacedShape], shapes: Sequence[PlacedShape], q: Array
+) -> None:
+    """Raise `InadmissibleStartError` if a weld or hinge with given frames is closed at q, but turned by 180 degrees.
 
-    Its rows are zero there, too.
+    Its rows are zero there, too. The other arguments are those of `equalities_between`.
     """
-    for item in items.active_connections:
-        if item.kind == "point":
-            continue
+    found = [item for item in items.active_connections if item.kind != "point" and item.frames is not None]
+    sides = sides_at(items, system, frames, shapes, q) if found else {}
+    for item in found:
         both = (sides[item.first], sides[item.second])
         one, other = (_composed(side.pose, frame) for side, frame in zip(both, frames_of(item, *both), strict=True))
         along = np.vecdot(one[:3], other[:3])[2 if item.kind == "hinge" else 0 :]
         if (along < 0.0).any():
             raise InadmissibleStartError(
-                f"{item.name} closes with {item.first} and {item.second} half a turn apart from what it asks for; "
-                "start nearer to where it is closed"
+                f"{item.name} closes with {item.first} turned by 180 degrees relative to {item.second}; start nearer "
+                "to its orientation"
             )
 
 

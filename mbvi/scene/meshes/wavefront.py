@@ -26,8 +26,9 @@ def wavefront_mesh(path: Path) -> tuple[Array, Array, Array | None] | None:
     color: Color | None = None
     try:
         for line in path.read_text(encoding="utf-8", errors="replace").replace("\\\n", " ").splitlines():
-            key, *words = line.split("#", 1)[0].split() or [""]
-            if key in ("v", "f") and "_" in line.split("#", 1)[0]:
+            text = line.split("#", 1)[0]
+            key, *words = text.split() or [""]
+            if key in ("v", "f") and "_" in text:
                 # Python would read 1_0 as a number
                 return None
             if key == "v":

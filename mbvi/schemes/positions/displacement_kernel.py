@@ -192,26 +192,26 @@ def least_displacement(s: MechanismStep, active: RowBuffer, sunk: Sunk) -> int:
     return IMPOSSIBLE
 
 
-@kernel("void(RowBuffer, i8[::1], i8[::1])")
-def independent_groups(rows: RowBuffer, part: Array, group: Array) -> None:
+@kernel("void(f8[:,::1], i8[::1], i8[::1])")
+def independent_groups(acts: Array, part: Array, group: Array) -> None:
     """Find which rows act on the same bodies as others, directly or not.
 
     Parameters
     ----------
-    rows : RowBuffer
+    acts : ndarray, shape (m, nv)
         The rows.
     part : ndarray of int, shape (nv,)
         Which mechanism or free body each velocity belongs to.
     group : ndarray of int, shape (m,)
         Receives of each row the first row of its group.
     """
-    m, n = rows.size[0], len(part)
+    m, n = acts.shape
     first = np.full(part[n - 1] + 1, -1)
     for a in range(m):
         group[a] = a
     for a in range(m):
         for k in range(n):
-            if rows.J[a, k] != 0.0:
+            if acts[a, k] != 0.0:
                 b = first[part[k]]
                 if b < 0:
                     first[part[k]] = a
@@ -230,7 +230,7 @@ def displacement_of_groups(s: MechanismStep, active: RowBuffer, sunk: Sunk) -> i
     """
     m, n, residual, some = active.size[0], len(s.v), 0.0, False
     group, kept, bound, total = np.empty(m, np.int64), np.empty(m), np.empty(m), np.zeros(n)
-    independent_groups(active, s.scales.part, group)
+    independent_groups(active.J[:m], s.scales.part, group)
     raised = others = 0
     for a in range(m):
         kept[a] = min(active.gap[a], 0.0)

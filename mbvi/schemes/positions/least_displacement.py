@@ -156,7 +156,8 @@ def _bounds_of_groups(problem: Problem, rows: Rows, floor: Array) -> list[list[A
     """
     kept, limits = np.minimum(rows.gap, 0.0), np.isnan(rows.point).any(axis=1)
     raised, every = floor > kept, []
-    for group in _independent_groups(problem, rows):
+    label = independent_groups(rows.jacobian, independent_parts(problem.system))
+    for group in (label == k for k in np.unique(label)):
         tried, failed = [], raised
         for some in (raised & group, raised & group & limits):
             if some.any() and not np.array_equal(some, failed):
@@ -166,13 +167,20 @@ def _bounds_of_groups(problem: Problem, rows: Rows, floor: Array) -> list[list[A
     return every
 
 
-def _independent_groups(problem: Problem, rows: Rows) -> list[Array]:
-    """Return masks of rows, shape (k,), that act on mechanisms and free bodies on which no other rows act."""
-    parts, acts = independent_parts(problem.system), csr_array(rows.jacobian)
-    which = np.repeat(np.arange(acts.shape[0]), np.diff(acts.indptr)), parts[acts.indices]
-    graph = csr_array((np.ones(len(acts.indices)), which), shape=(acts.shape[0], parts[-1] + 1))
-    number, label = connected_components(graph @ graph.T, directed=False)
-    return [label == k for k in range(number)]
+def independent_groups(acts: Array | csr_array, part: Array) -> Array:
+    """Return the group of each row, shape (k,): rows act on parts of the system on which no other group acts.
+
+    Parameters
+    ----------
+    acts : ndarray or csr_array, shape (k, nv)
+        The rows.
+    part : ndarray of int, shape (nv,)
+        See `system.independent_parts`.
+    """
+    acts = csr_array(acts)
+    which = np.repeat(np.arange(acts.shape[0]), np.diff(acts.indptr)), part[acts.indices]
+    graph = csr_array((np.ones(len(acts.indices)), which), shape=(acts.shape[0], part[-1] + 1))
+    return np.asarray(connected_components(graph @ graph.T, directed=False)[1])
 
 
 def _raises(metric: Metric, J: Array | csr_array, moved: Array, lower: Array, tolerance: float) -> bool:

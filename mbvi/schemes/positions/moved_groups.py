@@ -19,6 +19,8 @@ from ...problem import Problem
 from ...system.system import Array, independent_parts
 from ..kernels.records import MechanismStep
 from ..step import Step
+from .displacement_kernel import independent_groups as independent_groups_of
+from .least_displacement import independent_groups
 
 # displacement below which nothing was raised, in activation tolerances: projections leave rounding
 _MOVED = 1e-3
@@ -50,15 +52,11 @@ def moved_groups(reach: Any, moved: Array, part: Array) -> tuple[Array, Array]:
     -------
     velocities, rows : ndarray of bool, shapes (nv,) and (k,)
     """
-    acts, touched = (reach != 0.0).astype(float), np.zeros(int(part.max(initial=-1)) + 1, bool)
+    label, touched = independent_groups(reach, part), np.zeros(part[-1] + 1, bool)
     touched[part[moved]] = True
-    while True:
-        rows = acts @ touched[part].astype(float) > 0.0
-        now = touched.copy()
-        now[part[acts.T @ rows.astype(float) > 0.0]] = True
-        if np.array_equal(now, touched):
-            return touched[part], rows
-        touched = now
+    rows = np.isin(label, label[abs(reach) @ touched[part] > 0.0])
+    touched[part[abs(reach).T @ rows > 0.0]] = True
+    return touched[part], rows
 
 
 def with_the_rest_of_law(problem: Problem, law: Step, v: Array, step: Step, order: Array, displacement: Array) -> Step:
@@ -92,22 +90,20 @@ def with_the_rest_of_law(problem: Problem, law: Step, v: Array, step: Step, orde
 @kernel("b1(f8[:,::1], f8[::1], f8, i8[::1], b1[::1], b1[::1])")
 def find_moved_groups(reach: Array, moved: Array, least: float, part: Array, velocities: Array, rows: Array) -> bool:
     """Write what `moved_groups` returns, for displacements above `least`; return whether that is all."""
-    n, found, touched = len(moved), True, np.zeros(len(moved), np.bool_)
-    rows[:] = False
+    m, n = reach.shape
+    group, hit, touched = np.empty(m, np.int64), np.zeros(m, np.bool_), np.zeros(n, np.bool_)
+    independent_groups_of(reach, part, group)
     for k in range(n):
         if abs(moved[k]) > least:
             touched[part[k]] = True
-    while found:
-        found = False
-        for i in range(len(reach)):
-            reached = False
-            for k in range(n if not rows[i] else 0):
-                reached = reached or (reach[i, k] != 0.0 and touched[part[k]])
-            if reached:
-                rows[i] = found = True
-                for k in range(n):
-                    if reach[i, k] != 0.0:
-                        touched[part[k]] = True
+    for i in range(m):
+        for k in range(n):
+            hit[group[i]] = hit[group[i]] or (reach[i, k] != 0.0 and touched[part[k]])
+    for i in range(m):
+        rows[i] = hit[group[i]]
+        for k in range(n if rows[i] else 0):
+            if reach[i, k] != 0.0:
+                touched[part[k]] = True
     every = True
     for k in range(n):
         velocities[k] = touched[part[k]]
