@@ -43,9 +43,32 @@ class RowParts(NamedTuple):
     parts: Array
 
 
+@record("f8[:,::1], f8[:,::1], f8[::1], f8[::1]")
+class RowRoom(NamedTuple):
+    """Room for the evaluation of one row after the other.
+
+    Attributes
+    ----------
+    along, turning : ndarray, shape (2, 3)
+        Directions of the features that were evaluated last, and their rates.
+    point, normal : ndarray, shape (3,)
+        Where they touch.
+    """
+
+    along: Array
+    turning: Array
+    point: Array
+    normal: Array
+
+
+def row_room() -> RowRoom:
+    """Return room."""
+    return RowRoom(*np.zeros((2, 2, 3)), *np.zeros((2, 3)))
+
+
 @record(
     "i8[::1], i8[:,::1], f8[:,:,:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1],"
-    " f8[::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1]"
+    " f8[::1], RowRoom"
 )
 class HeldRows(NamedTuple):
     """Rows that stay closed, k of them, with room for results; for one thread at a time.
@@ -62,10 +85,8 @@ class HeldRows(NamedTuple):
         See `span_equalities`, and room.
     wanted, missing, force, part : ndarray, shape (k,)
         The values of J a that keep the rows closed, the same less those without forces, forces, and room.
-    along, turning : ndarray, shape (2, 3)
-        Directions of the features that were evaluated last, and their rates.
-    point, normal : ndarray, shape (3,)
-        Where they touch.
+    room : RowRoom
+        Room.
     """
 
     kind: Array
@@ -79,17 +100,14 @@ class HeldRows(NamedTuple):
     missing: Array
     force: Array
     part: Array
-    along: Array
-    turning: Array
-    point: Array
-    normal: Array
+    room: RowRoom
 
 
 def held_rows_of(parts: RowParts, nv: int) -> HeldRows:
     """Return the record of some rows of a mechanism with nv velocities."""
     k = len(parts.kind)
     matrices = *np.zeros((2, nv + k, nv)), *np.zeros((2, k, k))
-    return HeldRows(*parts, *matrices, *np.zeros((4, k)), *np.zeros((2, 2, 3)), *np.zeros((2, 3)))
+    return HeldRows(*parts, *matrices, *np.zeros((4, k)), row_room())
 
 
 def unknown_parts(count: int) -> RowParts:
@@ -125,29 +143,46 @@ def point_motion(tree: JointTree, body: int, point: Array) -> tuple[float, float
     return u, v, w, A[0] + g[0] + d + a, A[1] + g[1] + e + b, A[2] + g[2] + f + c
 
 
+@kernel("void(Mechanism, i8, i8[::1], f8[:,:,::1], RowRoom, f8[::1])")
+def gradient_of(m: Mechanism, kind: int, sides: Array, parts: Array, room: RowRoom, J: Array) -> None:
+    """Write the gradient of a row, shape (nv,), where the mechanism is placed; see `RowParts`."""
+    first, second = sides[0], sides[1]
+    if kind == LIMIT:
+        for k in range(len(J)):
+            J[k] = 0.0
+        J[second] = parts[0, 0, 0]
+        return
+    touch(kind, parts, m.poses[first], m.poses[second], room.along, room.point, room.normal)
+    row(m.columns, m.support[first], m.support[second], room.point, room.normal, J)
+
+
+@kernel("f8(Mechanism, i8, i8[::1], f8[:,:,::1], RowRoom, f8[::1])")
+def write_row(m: Mechanism, kind: int, sides: Array, parts: Array, room: RowRoom, J: Array) -> float:
+    """Write the gradient of a row, shape (nv,), and return (dJ/dt) v.
+
+    The mechanism is weighed and its nonlinear effects are evaluated.
+    """
+    gradient_of(m, kind, sides, parts, room, J)
+    if kind == LIMIT:
+        return 0.0
+    first, second, n, along, turning = sides[0], sides[1], room.normal, room.along, room.turning
+    a, b, c, d, e, f = point_motion(m.tree, first, room.point)
+    u, v, w, x, y, z = point_motion(m.tree, second, room.point)
+    for side in range(2):
+        turn, s = m.tree.twist[first if side == 0 else second], along[side]
+        turning[side, 0], turning[side, 1], turning[side, 2] = cross_product(
+            turn[3], turn[4], turn[5], s[0], s[1], s[2]
+        )
+    bias = (x - d) * n[0] + (y - e) * n[1] + (z - f) * n[2]
+    return bias + turning_bias(kind, n, along, turning, u - a, v - b, w - c)
+
+
 @kernel("void(Mechanism, HeldRows)")
 def write_held(m: Mechanism, held: HeldRows) -> None:
     """Write gradients and `wanted` where the mechanism is weighed and its nonlinear effects are evaluated."""
-    nv, along, turning = len(m.parent), held.along, held.turning
+    nv = len(m.parent)
     for i in range(len(held.kind)):
-        kind, first, second, J = held.kind[i], held.sides[i, 0], held.sides[i, 1], held.rows[nv + i]
-        if kind == LIMIT:
-            for k in range(nv):
-                J[k] = 0.0
-            J[second], held.wanted[i] = held.parts[i, 0, 0, 0], 0.0
-            continue
-        n = held.normal
-        touch(kind, held.parts[i], m.poses[first], m.poses[second], along, held.point, n)
-        row(m.columns, m.support[first], m.support[second], held.point, n, J)
-        a, b, c, d, e, f = point_motion(m.tree, first, held.point)
-        u, v, w, x, y, z = point_motion(m.tree, second, held.point)
-        for side in range(2):
-            turn, s = m.tree.twist[first if side == 0 else second], along[side]
-            turning[side, 0], turning[side, 1], turning[side, 2] = cross_product(
-                turn[3], turn[4], turn[5], s[0], s[1], s[2]
-            )
-        bias = (x - d) * n[0] + (y - e) * n[1] + (z - f) * n[2]
-        held.wanted[i] = -bias - turning_bias(kind, n, along, turning, u - a, v - b, w - c)
+        held.wanted[i] = -write_row(m, held.kind[i], held.sides[i], held.parts[i], held.room, held.rows[nv + i])
 
 
 @kernel("void(Mechanism, HeldRows, f8[::1], f8[::1])")

@@ -13,6 +13,7 @@ from .finding.release_events import STAYS, complementarity
 from .friction import changes
 from .impact_event import ImpactEvent
 from .motion_state import NO_ROWS, MotionState, certain_rates
+from .row_sets import members, union, without
 from .runge_kutta import velocity_change
 
 # height of a bounce that is put to rest, in lengths of the scene
@@ -32,21 +33,21 @@ def touching_rows(state: MotionState, known: Array, changed: Array) -> Array:
     Of many points of one shape few are returned; `state.all_touching` receives all of them.
     """
     near = state.closing.within(state.t, state.q, 10 * state.touching)
-    near = np.union1d(near, known) if known.size else near
+    near = union(near, known)
     gaps = state.rows.gaps(state.t, state.q, near) * state.rows.lever[near]
     near, gaps = near[gaps <= 10 * state.touching], gaps[gaps <= 10 * state.touching]
-    touches = (gaps <= state.touching) | np.isin(near, known)
-    kept = state.closed[~np.isin(state.rows.pair[state.closed], changed)]
+    touches = (gaps <= state.touching) | members(near, known)
+    kept = state.closed[~members(state.rows.pair[state.closed], changed)]
     near = state.rows.with_features(state.q, near[touches], kept, state.touching)
     gaps = state.rows.gaps(state.t, state.q, near) * state.rows.lever[near]
     # a gap above rounding that rises belongs to a later event, if to any
-    opening = (gaps > state.rows.rounding[near] * state.rows.lever[near]) & ~np.isin(near, state.closed)
+    opening = (gaps > state.rows.rounding[near] * state.rows.lever[near]) & ~members(near, state.closed)
     if opening.any():
         J = state.rows.gradients(state.t, state.q, near[opening])
         opening[opening] = J @ state.v > certain_rates(J, state.v, state.slow(near[opening]))
     state.all_touching = near[~opening]
     # at the start all rows are known, but none closes
-    closing = np.setdiff1d(known, state.closed) if len(known) <= len(state.closed) + 1 else NO_ROWS
+    closing = without(known, state.closed) if len(known) <= len(state.closed) + 1 else NO_ROWS
     return few_rows(state.rows, state.t, state.q, state.all_touching, closing)
 
 
@@ -65,7 +66,7 @@ def change_contacts(state: MotionState, touching: Array) -> Iterator[ImpactEvent
     ImpactEvent
         The impact, if there is one.
     """
-    was_closed, state.closed, state.held = np.isin(touching, state.closed), NO_ROWS, NO_ROWS
+    was_closed, state.closed, state.held = members(touching, state.closed), NO_ROWS, NO_ROWS
     if state.modes is not None:
         state.modes.undecided = False
     if not touching.size:
@@ -87,14 +88,14 @@ def change_contacts(state: MotionState, touching: Array) -> Iterator[ImpactEvent
     if state.modes is not None:
         state.closed = changes.settle(state, state.modes, rest)
     else:
-        kept = J[np.isin(touching, rest)]
+        kept = J[members(touching, rest)]
         state.v = state.v + velocity_change(metric, kept, -(kept @ state.v))
         forces, opening = complementarity(state.flow, state.projector, state.t, state.q, state.v, rest)
         # a contact that other contacts keep closed without its own force stays closed too: it cannot open on its own
         state.closed = rest[(forces > 0.0) | (opening <= STAYS)]
     held = held_rows(state.rows, state.t, state.q, state.all_touching, state.closed)
     # of a pair whose features are closed the gap is watched by `first_feature_change`
-    state.held = np.union1d(held, state.feature_pairs())
+    state.held = union(held, state.feature_pairs())
 
 
 def _impact(

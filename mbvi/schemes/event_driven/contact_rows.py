@@ -16,6 +16,8 @@ from ...constraints.tangents import Tangents
 from ...errors import UnsuitableError
 from ...system.free.sparse_rows import dense
 from ...system.lengths import velocity_units
+from .known_rows import KnownRows, known_rows
+from .row_sets import union, without
 
 # most sets of rows whose division into families is kept
 _MOST_SETS = 1000
@@ -104,6 +106,7 @@ class SmoothRows:
         self.rounding[~self.smooth] *= _SEARCHED
         self.friction: Array | None = None
         self._splits: dict[bytes, list[tuple[ConstraintFamily | FeatureRows, Array]]] = {}
+        self.kernels = known_rows(self._system, self.parts(self.all))
 
     def with_features(self, q: Array, index: Array, kept: Array, tolerance: float) -> Array:
         """Return some rows that touch with those of features in place of their pairs, where they are known.
@@ -123,16 +126,16 @@ class SmoothRows:
         pairs = pairs[self.featured[pairs]]
         if not pairs.size:
             return index
-        found, replaced = [index], self.pair[kept[kept >= len(self.all)]].tolist()
-        for pair in np.setdiff1d(pairs, replaced).tolist():
+        found, replaced = index, self.pair[kept[kept >= len(self.all)]]
+        for pair in without(pairs, replaced).tolist():
             family, rows = next(part for part in self._parts if part[1].start <= pair < part[1].stop)
             new = len(self.all) + np.array(
                 family.feature_rows(q, pair - rows.start, tolerance, self._features), dtype=np.int64
             )
             self._extend(pair, new)
-            found.append(new)
-            replaced += [pair] * (len(new) > 0)
-        return np.setdiff1d(np.concatenate(found), replaced)
+            if len(new):
+                found, replaced = union(found, new), np.append(replaced, pair)
+        return without(found, replaced)
 
     def features_outside(self, q: Array, index: Array) -> Array:
         """Return how far the contact points of some rows of features are outside the shapes, shape (k,) [m]."""
@@ -151,6 +154,8 @@ class SmoothRows:
             np.append(self.smooth, np.ones(count, bool)),
             np.append(self.featured, np.zeros(count, bool)),
         )
+        if self.kernels is not None:
+            self.kernels.set_parts(self.parts(np.arange(len(self.pair))))
 
     def depths(self, index: Array, gap: Array) -> Array:
         """Return the greatest depths of contacts and of limits, shape (2,), where some rows have these gaps."""
@@ -158,24 +163,37 @@ class SmoothRows:
 
     def gaps(self, t: float, q: Array, index: Array) -> Array:
         """Return f(q) of some rows in ascending order, shape (k,) [m or rad]."""
+        if (kernels := self._kernels_of(index)) is not None:
+            return kernels.gaps(q, index)
         return self._each(index, lambda family, rows: family.row_gap(t, q, rows), np.zeros(0))
 
     def lower_bounds(self, t: float, q: Array, index: Array) -> Array:
         """Return lower bounds of f(q) of some rows in ascending order, shape (k,): positive ones, or f(q) itself."""
+        if (kernels := self._kernels_of(index)) is not None:
+            return kernels.gaps(q, index)
         return self._each(index, lambda family, rows: family.row_lower_bound(t, q, rows), np.zeros(0))
 
     def gradients(self, t: float, q: Array, index: Array) -> Array:
         """Return grad f of some rows in ascending order, shape (k, nv)."""
+        if (kernels := self._kernels_of(index)) is not None:
+            return kernels.gradients(q, index)
         nothing = np.zeros((0, self._system.nv))
         return self._each(index, lambda family, rows: family.row_gradient(t, q, rows), nothing)
 
     def bias(self, t: float, q: Array, v: Array, index: Array) -> Array:
         """Return (dJ/dt) v of some rows in ascending order, shape (k,): the change of their rates at constant v."""
+        if (kernels := self._kernels_of(index)) is not None:
+            return kernels.biases(q, v, index)
         bias = self._each(index, lambda family, rows: family.row_bias(t, q, v, rows), np.zeros(0))
         unknown = np.isnan(bias)
         if unknown.any():
             bias[unknown] = self._difference(lambda place: self.gradients(t, place, index[unknown]), q, v)
         return bias
+
+    def _kernels_of(self, index: Array) -> KnownRows | None:
+        """Return the kernels that know all of some rows, or None."""
+        kernels = self.kernels
+        return kernels if kernels is not None and kernels.known[index].all() else None
 
     def parts(self, index: Array) -> RowParts:
         """Return what some rows in ascending order are, for kernels."""

@@ -8,6 +8,7 @@ from ...constraints.rows import Array
 from ...geometry.narrow.spread import FEW_POINTS
 from ...geometry.vectors import within_plane
 from .contact_rows import SmoothRows
+from .row_sets import members
 
 # points span a line or a plane if they lie beside others by more than this part of their extent
 _BESIDE = 1e-9
@@ -28,7 +29,7 @@ def few_rows(rows: SmoothRows, t: float, q: Array, index: Array, closing: Array)
         Those that close now: they are always returned, each in place of the nearest one of its shape.
     """
     wanted = rows.bearing(t, q, index)
-    new = np.flatnonzero(np.isin(index, closing) & ~wanted)
+    new = np.flatnonzero(members(index, closing) & ~wanted)
     if not new.size:
         return index[wanted]
     points, _ = rows.points(t, q, index)
@@ -52,7 +53,7 @@ def held_rows(rows: SmoothRows, t: float, q: Array, touching: Array, closed: Arr
     touching, closed : ndarray of int
         Rows that touch, all of them, and those of them that are closed.
     """
-    number, held, bears = rows.number[touching], [touching[:0]], np.isin(touching, closed)
+    number, held, bears = rows.number[touching], [touching[:0]], members(touching, closed)
     for one in np.unique(number[bears]).tolist():
         own = number == one
         if own.sum() <= FEW_POINTS:

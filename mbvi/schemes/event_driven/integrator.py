@@ -22,6 +22,7 @@ from .friction.events import first_mode_end
 from .friction.forces import contact_forces
 from .impact_event import ImpactEvent
 from .motion_state import NO_ROWS, MotionState
+from .row_sets import members, union
 from .runge_kutta import RungeKuttaStep
 
 # largest error of one step, relative to the tolerance
@@ -114,9 +115,9 @@ class EventDrivenIntegrator(MotionState):
             yield step
             if event:
                 drop_features(self, first)
-                touching = touching_rows(self, np.union1d(first, self.closed), first)
+                touching = touching_rows(self, union(first, self.closed), first)
                 # a pair that closes is replaced by the rows of its features, where these are clear
-                clear = self.rows.smooth[first] | (self.rows.featured[first] & ~np.isin(first, touching))
+                clear = self.rows.smooth[first] | (self.rows.featured[first] & ~members(first, touching))
                 advances = at_once <= _MOST_AT_ONCE and self._events_advance()
                 if advances and (clear.all() or (yield from bounce(self))):
                     yield from change_contacts(self, touching)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from ...system.mechanisms.mechanism import Mechanism, evaluate_nonlinear_effects
 from ...system.mechanisms.pinocchio_address import retract
 from ...system.system import Array
 from .contact_rows import SmoothRows
+from .known_rows import KnownRows
 
 # most sets of closed rows whose records are kept
 _MOST_SETS = 1000
@@ -171,24 +172,22 @@ class MechanismStages:
     ----------
     system : ArticulatedSystem
         What moves.
-    mechanism : Mechanism
-        A record of its own.
     rows : SmoothRows
         The rows of its constraints.
+    kernels : KnownRows
+        Those of them that kernels know.
 
     Attributes
     ----------
     motion : SmoothMotion
         What moves; the room has the results of the last call.
-    parts, known : RowParts, and ndarray of bool, shape (m,)
-        What all rows are, and which of all rows kernels know.
+    rows : KnownRows
+        Those that kernels know.
     """
 
-    def __init__(self, system: ArticulatedSystem, mechanism: Mechanism, rows: SmoothRows) -> None:
-        self._system, self._rows = system, rows
-        parts = rows.parts(rows.all)
-        self.parts, self.known = held(parts), parts.kind != UNKNOWN
-        self.motion: SmoothMotion = held(smooth_motion(mechanism, system.nq, system.nv))
+    def __init__(self, system: ArticulatedSystem, rows: SmoothRows, kernels: KnownRows) -> None:
+        self._system, self._rows, self.rows = system, rows, kernels
+        self.motion: SmoothMotion = held(smooth_motion(kernels.mechanism, system.nq, system.nv))
         self._sets: dict[bytes, HeldRows | None] = {}
 
     @property
@@ -214,9 +213,5 @@ class MechanismStages:
 
 def stages_of(system: System, rows: SmoothRows) -> MechanismStages | None:
     """Return the kernels for a system that is one mechanism of usual joints without equalities, else None."""
-    if not isinstance(system, ArticulatedSystem) or system.equalities:
-        return None
-    mechanism = system.mechanism()
-    if mechanism is None or not len(mechanism.tree.kind):
-        return None
-    return MechanismStages(system, mechanism, rows)
+    kernels = rows.kernels
+    return None if kernels is None else MechanismStages(cast("ArticulatedSystem", system), rows, kernels)

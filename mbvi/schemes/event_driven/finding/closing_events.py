@@ -9,6 +9,7 @@ import numpy as np
 from ....system import System
 from ....system.system import Array
 from ..contact_rows import SmoothRows
+from ..row_sets import without
 from ..runge_kutta import RungeKuttaStep
 from ..stages import MechanismStages, gaps_along
 from .root_finding import FEW_NODES, first_root
@@ -37,7 +38,6 @@ class ClosingEvents:
 
     def __init__(self, system: System, rows: SmoothRows, kernels: MechanismStages | None) -> None:
         self._system, self._rows, self._kernels = system, rows, kernels
-        self._known = np.zeros(len(rows.all), bool) if kernels is None else kernels.known
         # all points of a shape have the same reach
         self._reach, self._which = np.unique(rows.reach, axis=0, return_inverse=True)
         # a lower bound of each gap at the end of the last step; -inf where it is unknown
@@ -50,7 +50,7 @@ class ClosingEvents:
         bounds = self._bounds - fall
         candidates = (~(bounds > 0.0)).nonzero()[0]
         if closed.size:
-            candidates = candidates[~np.isin(candidates, closed)]
+            candidates = without(candidates, closed)
         self.depth = np.zeros(2)
         if not candidates.size:
             self._bounds = bounds
@@ -129,15 +129,14 @@ class ClosingEvents:
 
     def _along(self, step: RungeKuttaStep, shares: Array, index: Array, gaps: GapFunction) -> Array:
         """Return gaps, or lower bounds, of some rows at n shares of the step, shape (n, k)."""
-        known, found = self._known[index], np.empty((len(shares), len(index)))
-        if self._kernels is not None and known.any():
+        found, known, rest = np.empty((len(shares), len(index))), np.zeros(len(index), bool), index
+        if self._kernels is not None and (known := self._kernels.rows.known[index]).any():
             measured = np.empty((len(shares), np.count_nonzero(known)))
-            of = self._kernels.motion, self._kernels.parts, index[known]
+            of = self._kernels.motion, self._kernels.rows.parts, index[known]
             gaps_along(*of, step.dense, step.h, shares, step.q0, step.v0, measured)
             if known.all():
                 return measured
-            found[:, known] = measured
-        rest = index[~known]
+            found[:, known], rest = measured, index[~known]
         for i, share in enumerate(shares.tolist()):
             q = step.at(self._system, share)[0] if share < 1.0 else step.q
             found[i, ~known] = gaps(step.t + share * step.h, q, rest)

@@ -8,6 +8,7 @@ import numpy as np
 
 from ....system.system import Array
 from ..motion_state import NO_ROWS, MotionState
+from ..row_sets import members
 from ..runge_kutta import RungeKuttaStep
 
 # shares of a step at which features are compared, and how near to the change, in roundings of gaps, the search ends
@@ -72,7 +73,7 @@ def _narrowed(
 def drop_features(state: MotionState, pairs: Array) -> None:
     """Let the features of pairs go that have come apart, or slid off, while others became the nearest ones."""
     rows, closed = state.rows, state.closed
-    own = np.isin(rows.pair[closed], pairs) & (closed >= len(rows.all))
+    own = members(rows.pair[closed], pairs) & (closed >= len(rows.all))
     if own.any():
         features = closed[own]
         apart = rows.gaps(state.t, state.q, pairs)[np.searchsorted(pairs, rows.pair[features])]

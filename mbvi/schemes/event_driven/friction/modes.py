@@ -8,6 +8,7 @@ import numpy as np
 
 from ....system.system import Array
 from ..contact_rows import SmoothRows
+from ..row_sets import members
 from ..runge_kutta import DEGREE, DEPENDENT, ContactEquations, Flow, RungeKuttaStep, least_percussion
 
 # slip that counts as none, relative to the sum of its terms: more than their rounding
@@ -176,7 +177,7 @@ class ContactModes:
         equations = self.equations(t, q, v, closed)
         if len(closed) != len(self.index) or (closed != self.index).any():
             # contacts that have come apart are closed no more
-            kept = np.isin(self.index, closed)
+            kept = members(self.index, closed)
             self.choose(self.index[kept], self.sticks[kept], self.way[kept])
         return equations, equations.forces(self.sticks, self.directions(equations))
 

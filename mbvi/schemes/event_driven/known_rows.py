@@ -1,0 +1,102 @@
+"""Gaps, gradients and (dJ/dt) v of the rows of one mechanism, several rows by one call of a kernel."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...compiled import held, kernel, plain_array
+from ...constraints.mechanism.held_rows import (
+    UNKNOWN,
+    RowParts,
+    RowRoom,
+    gradient_of,
+    row_room,
+    write_gaps_of,
+    write_row,
+)
+from ...system import System
+from ...system.mechanisms.articulated import ArticulatedSystem
+from ...system.mechanisms.mechanism import Mechanism, evaluate_nonlinear_effects, place, weigh
+from ...system.system import Array
+
+
+@kernel("void(Mechanism, RowParts, i8[::1], f8[::1], f8[::1])")
+def gaps_at(m: Mechanism, rows: RowParts, index: Array, q: Array, gap: Array) -> None:
+    """Write the gaps of some of the rows at q, shape (k,)."""
+    place(m, q)
+    write_gaps_of(m, rows, index, q, gap)
+
+
+@kernel("void(Mechanism, RowParts, RowRoom, i8[::1], f8[::1], f8[:,::1])")
+def gradients_at(m: Mechanism, rows: RowParts, room: RowRoom, index: Array, q: Array, J: Array) -> None:
+    """Write the gradients of some of the rows at q, shape (k, nv)."""
+    place(m, q)
+    for i in range(len(index)):
+        r = index[i]
+        gradient_of(m, rows.kind[r], rows.sides[r], rows.parts[r], room, J[i])
+
+
+@kernel("void(Mechanism, RowParts, RowRoom, i8[::1], f8[::1], f8[::1], f8[:,::1], f8[::1])")
+def biases_at(
+    m: Mechanism, rows: RowParts, room: RowRoom, index: Array, q: Array, v: Array, J: Array, bias: Array
+) -> None:  # fmt: skip
+    """Write gradients and (dJ/dt) v of some of the rows at q and v, shapes (k, nv) and (k,)."""
+    weigh(m, q)
+    evaluate_nonlinear_effects(m, q, v)
+    for i in range(len(index)):
+        r = index[i]
+        bias[i] = write_row(m, rows.kind[r], rows.sides[r], rows.parts[r], room, J[i])
+
+
+class KnownRows:
+    """The rows of one mechanism that kernels know.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        A record of its own.
+    parts : RowParts
+        What all rows are.
+
+    Attributes
+    ----------
+    mechanism, parts
+        The same.
+    known : ndarray of bool, shape (m,)
+        Which rows kernels know.
+    """
+
+    def __init__(self, mechanism: Mechanism, parts: RowParts) -> None:
+        self.mechanism, self._held = mechanism, held(mechanism)
+        self._room = held(row_room())
+        self.set_parts(parts)
+
+    def set_parts(self, parts: RowParts) -> None:
+        """Let all rows be these."""
+        self.parts, self.known = held(parts), parts.kind != UNKNOWN
+
+    def gaps(self, q: Array, index: Array) -> Array:
+        """Return the gaps of some rows at q, shape (k,)."""
+        gap = np.empty(len(index))
+        gaps_at(self._held, self.parts, index, plain_array(q), gap)
+        return gap
+
+    def gradients(self, q: Array, index: Array) -> Array:
+        """Return the gradients of some rows at q, shape (k, nv)."""
+        J = np.empty((len(index), len(self.mechanism.parent)))
+        gradients_at(self._held, self.parts, self._room, index, plain_array(q), J)
+        return J
+
+    def biases(self, q: Array, v: Array, index: Array) -> Array:
+        """Return (dJ/dt) v of some rows at q and v, shape (k,)."""
+        J, bias = np.empty((len(index), len(self.mechanism.parent))), np.empty(len(index))
+        biases_at(self._held, self.parts, self._room, index, plain_array(q), plain_array(v), J, bias)
+        return bias
+
+
+def known_rows(system: System, parts: RowParts) -> KnownRows | None:
+    """Return the rows of a system that is one mechanism of usual joints without equalities, else None."""
+    if not isinstance(system, ArticulatedSystem) or system.equalities:
+        return None
+    mechanism = system.mechanism()
+    return None if mechanism is None or not len(mechanism.tree.kind) else KnownRows(mechanism, parts)
