@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from numpy.polynomial import chebyshev
 
+from ....compiled import kernel
 from ....system.system import Array
 
 Values = Callable[[Array, Array], Array]
@@ -26,6 +27,61 @@ _KINKED, _TOUCHING = 6, 20
 _MOST_STEPS, _ZERO = 400, 1e-9
 
 
+@kernel("f8(f8[:,::1], f8[:,::1], i8)")
+def interpolation_error(last: Array, values: Array, k: int) -> float:
+    """Return a bound of the error of the interpolant of function k, of values of shape (degree + 1, n).
+
+    Parameters
+    ----------
+    last : ndarray, shape (2, degree + 1)
+        The matrix from values to the last two coefficients.
+    values, k
+        The values, and which function.
+    """
+    size = error = 0.0
+    for c in range(2):
+        coefficient = 0.0
+        for i in range(len(values)):
+            coefficient += last[c, i] * values[i, k]
+        error += abs(coefficient)
+    for i in range(len(values)):
+        # written so that a NaN is kept
+        if not abs(values[i, k]) <= size:
+            size = abs(values[i, k])
+    return _ERROR_FACTOR * error + _ROUNDING * size
+
+
+@kernel("void(f8[:,::1], f8[:,::1], f8[:,::1], f8[::1])")
+def write_soonest(last: Array, grid: Array, values: Array, share: Array) -> None:
+    """Write a lower bound of the first root of each function, shape (k,); infinite where it has certainly none.
+
+    Parameters
+    ----------
+    last, values
+        See `interpolation_error`.
+    grid : ndarray, shape (p + 1, degree + 1)
+        The matrix from values to the interpolant's values at 0, 1 / p, ..., 1.
+    share : ndarray, shape (k,)
+        Receives the bounds.
+    """
+    p, found = len(grid) - 1, np.empty(len(grid))
+    for k in range(len(share)):
+        bend = 0.0
+        for i in range(p + 1):
+            found[i] = 0.0
+            for j in range(len(values)):
+                found[i] += grid[i, j] * values[j, k]
+            if i > 1:
+                bend = max(bend, abs(found[i] - 2.0 * found[i - 1] + found[i - 2]))
+        # a parabola through three grid points dips between them by an eighth of the second difference
+        least = interpolation_error(last, values, k) + 0.125 * bend
+        share[k] = np.inf
+        for i in range(p):
+            if not found[i + 1] > least:
+                share[k] = i / p
+                break
+
+
 class _Interpolant:
     """A polynomial on [0, 1] through values at the extrema of a Chebyshev polynomial.
 
@@ -38,24 +94,25 @@ class _Interpolant:
     def __init__(self, degree: int) -> None:
         self.nodes = 0.5 - 0.5 * np.cos(np.pi * np.arange(degree + 1) / degree)
         self._coefficients = np.linalg.inv(chebyshev.chebvander(2.0 * self.nodes - 1.0, degree))
+        self._last = self._coefficients[-2:].copy()
         self._grid, self._fine_grid = (self._evaluation(np.linspace(0.0, 1.0, n)) for n in (65, _PARTS + 1))
 
     def _evaluation(self, x: Array) -> Array:
         """Return the matrix from values at the nodes to the polynomial's values at x."""
         return np.asarray(chebyshev.chebvander(2.0 * x - 1.0, len(self.nodes) - 1) @ self._coefficients)
 
-    def error(self, values: Array) -> Array:
-        """Return bounds of the interpolants' errors, shape (k,); values have shape (degree + 1, k)."""
-        last = np.abs(self._coefficients[-2:] @ values).sum(axis=0)
-        return np.asarray(_ERROR_FACTOR * last + _ROUNDING * np.abs(values).max(axis=0))
+    def error(self, values: Array) -> float:
+        """Return a bound of the error of one interpolant, of values of shape (degree + 1,)."""
+        return interpolation_error(self._last, np.ascontiguousarray(values).reshape(-1, 1), 0)
 
     def soonest(self, values: Array) -> Array:
-        """Return a lower bound of the first root of each function, shape (k,); infinite where it has certainly none."""
-        grid = self._grid @ values
-        # a parabola through three grid points dips between them by an eighth of the second difference
-        dip = 0.125 * np.abs(np.diff(grid, 2, axis=0)).max(axis=0)
-        undecided = ~(grid[1:] > self.error(values) + dip)
-        return np.where(undecided.any(axis=0), undecided.argmax(axis=0) / (len(grid) - 1), np.inf)
+        """Return a lower bound of the first root of each function, shape (k,); infinite where it has certainly none.
+
+        The values have the shape (degree + 1, k).
+        """
+        share = np.empty(values.shape[1])
+        write_soonest(self._last, self._grid, np.ascontiguousarray(values), share)
+        return share
 
     def on_fine_grid(self, values: Array) -> Array:
         """Return one interpolant's values at x = 0, 1 / 1024, ..., 1."""
@@ -131,7 +188,7 @@ def _root(value: Callable[[Array], Array], low: float, high: float, known: Array
         known = value(low + (high - low) * _FINE.nodes)
         if _FINE.soonest(known[:, None])[0] == np.inf:
             return None
-    error = float(_FINE.error(known[:, None])[0])
+    error = _FINE.error(known)
     smooth = error <= max(_RESOLVED * float(np.abs(known).max()), _NOISE)
     share, sure = _root_on_grid(_FINE.on_fine_grid(known), error)
     if (smooth and sure) or halved >= (_TOUCHING if smooth else _KINKED):
