@@ -19,7 +19,7 @@ Array = np.ndarray
 # beside the kinds of features: a limit of a joint, and what these kernels do not know
 LIMIT, UNKNOWN = 3, -1
 # part of a whitened row that others must leave of it; with less the row depends on them
-_DEPENDENT = 1e-5
+DEPENDENT = 1e-5
 # accelerations below this are denormal numbers and count as zero
 _DENORMAL = 1e-290
 
@@ -143,17 +143,20 @@ def point_motion(tree: JointTree, body: int, point: Array) -> tuple[float, float
     return u, v, w, A[0] + g[0] + d + a, A[1] + g[1] + e + b, A[2] + g[2] + f + c
 
 
-@kernel("void(Mechanism, i8, i8[::1], f8[:,:,::1], RowRoom, f8[::1])")
-def gradient_of(m: Mechanism, kind: int, sides: Array, parts: Array, room: RowRoom, J: Array) -> None:
-    """Write the gradient of a row, shape (nv,), where the mechanism is placed; see `RowParts`."""
+@kernel("f8(Mechanism, i8, i8[::1], f8[:,:,::1], f8[::1], RowRoom, f8[::1])")
+def evaluate_row(
+    m: Mechanism, kind: int, sides: Array, parts: Array, q: Array, room: RowRoom, J: Array
+) -> float:  # fmt: skip
+    """Write the gradient of a row, shape (nv,), at q, where the mechanism is placed; return its gap."""
     first, second = sides[0], sides[1]
     if kind == LIMIT:
         for k in range(len(J)):
             J[k] = 0.0
         J[second] = parts[0, 0, 0]
-        return
-    touch(kind, parts, m.poses[first], m.poses[second], room.along, room.point, room.normal)
+        return parts[0, 0, 0] * q[first] + parts[0, 0, 1]
+    gap = touch(kind, parts, m.poses[first], m.poses[second], room.along, room.point, room.normal)
     row(m.columns, m.support[first], m.support[second], room.point, room.normal, J)
+    return gap
 
 
 @kernel("f8(Mechanism, i8, i8[::1], f8[:,:,::1], RowRoom, f8[::1])")
@@ -162,7 +165,7 @@ def write_row(m: Mechanism, kind: int, sides: Array, parts: Array, room: RowRoom
 
     The mechanism is weighed and its nonlinear effects are evaluated.
     """
-    gradient_of(m, kind, sides, parts, room, J)
+    evaluate_row(m, kind, sides, parts, m.placed, room, J)
     if kind == LIMIT:
         return 0.0
     first, second, n, along, turning = sides[0], sides[1], room.normal, room.along, room.turning
@@ -192,7 +195,7 @@ def hold(m: Mechanism, held: HeldRows, free: Array, out: Array) -> None:
     The rows are written and the factor of M is known; rows may depend on each other.
     """
     nv = len(free)
-    span_equalities(held.rows, m.parent, _DEPENDENT, held.L, held.R)
+    span_equalities(held.rows, m.parent, DEPENDENT, held.L, held.R)
     for i in range(len(held.kind)):
         J, missing = held.rows[nv + i], held.wanted[i]
         for k in range(nv):

@@ -8,8 +8,8 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from ...errors import SensitivityError
-from ...schemes.event_driven.contact_rows import SmoothRows
 from ...schemes.event_driven.friction.modes import ContactModes, rows_of_modes
+from ...schemes.event_driven.rows.contact_rows import SmoothRows
 from ...schemes.event_driven.runge_kutta import DEPENDENT, RungeKuttaStep
 from ...system.system import Array, System
 from ..parameters.parameters import Parameters

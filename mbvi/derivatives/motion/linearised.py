@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from ...problem import Problem
-from ...schemes.event_driven.contact_rows import SmoothRows
 from ...schemes.event_driven.friction.modes import ContactModes
 from ...schemes.event_driven.motion_state import SLOW
+from ...schemes.event_driven.rows.contact_rows import SmoothRows
 from ...schemes.event_driven.runge_kutta import Flow, RungeKuttaStep, least_percussion
 from ...system.lengths import velocity_units
 from ...system.mechanisms.articulated import ArticulatedSystem

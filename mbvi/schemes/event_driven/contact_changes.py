@@ -8,12 +8,12 @@ import numpy as np
 
 from ...projection import FreeMotion, Metric
 from ...system.system import Array
-from .few_rows import few_rows, held_rows
 from .finding.release_events import STAYS, complementarity
 from .friction import changes
 from .impact_event import ImpactEvent
 from .motion_state import NO_ROWS, MotionState, certain_rates
-from .row_sets import members, union, without
+from .rows.few_rows import few_rows, held_rows
+from .rows.row_sets import members, union, without
 from .runge_kutta import velocity_change
 
 # height of a bounce that is put to rest, in lengths of the scene

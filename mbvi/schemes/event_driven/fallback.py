@@ -14,10 +14,10 @@ from ..contact_friction import friction_of
 from ..paoli import Paoli
 from ..step import closes, still_rates
 from .contact_changes import change_contacts, touching_rows
-from .few_rows import few_rows
 from .friction.changes import strike
 from .impact_event import ImpactEvent
 from .motion_state import NO_ROWS, MotionState, certain_rates
+from .rows.few_rows import few_rows
 from .runge_kutta import DEGREE, RungeKuttaStep
 
 # length of a step [s], and the number of steps after which the smooth motion is tried again

@@ -9,10 +9,10 @@ from ...projection import Projector
 from ...system.lengths import velocity_units
 from ...system.system import Array
 from ..step import Step
-from .contact_rows import SmoothRows
 from .finding.closing_events import ClosingEvents
 from .friction.modes import ContactModes
 from .observed import ContactObserver
+from .rows.contact_rows import SmoothRows
 from .runge_kutta import Flow, velocity_change
 
 # largest gap of a touching contact, relative to the tolerance of the scheme
@@ -101,6 +101,12 @@ class MotionState:
 
     def remove_drift(self) -> None:
         """Remove the drift of closed contacts: from the configuration, then from the velocity."""
+        if self.modes is None and self.flow.kernels is not None:
+            found = self.flow.kernels.remove_drift(self.closed, self.q, self.v)
+            if found is not None:
+                self.q, self.v, gap = found
+                self.depth = np.maximum(self.depth, self.rows.depths(self.closed, gap))
+                return
         for _ in range(2):
             self.depth = np.maximum(self.depth, self.close_gaps(self.closed))
         J = self._kept_rows()

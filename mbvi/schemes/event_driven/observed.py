@@ -11,8 +11,8 @@ from ...system.system import Array
 from ..contact_friction import ContactFriction
 from ..observer import Contacts, contacts_of_rows, observer
 from ..step import Step
-from .contact_rows import SmoothRows
 from .impact_event import ImpactEvent
+from .rows.contact_rows import SmoothRows
 from .runge_kutta import RungeKuttaStep, least_percussion
 
 

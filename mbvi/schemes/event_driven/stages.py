@@ -8,24 +8,29 @@ import numpy as np
 
 from ...compiled import held, kernel, record
 from ...constraints.mechanism.held_rows import (
+    DEPENDENT,
     UNKNOWN,
     HeldRows,
     RowParts,
+    evaluate_row,
     force_margins,
     held_rows_of,
     hold,
     write_gaps_of,
     write_held,
 )
-from ...projection.tree_factor import factor_mass, unwhiten, whiten
+from ...constraints.mechanism.pairs import PairShapes
+from ...geometry.shapes.shape_table import Shapes  # noqa: F401  (a signature names it)
+from ...projection.tree_factor import factor_mass, least_change, span_equalities, unwhiten, whiten
 from ...system import System
 from ...system.mechanisms.articulated import ArticulatedSystem
 from ...system.mechanisms.chart import joint_chart_rates
 from ...system.mechanisms.mechanism import Mechanism, evaluate_nonlinear_effects, place, weigh
 from ...system.mechanisms.pinocchio_address import retract
 from ...system.system import Array
-from .contact_rows import SmoothRows
-from .known_rows import KnownRows
+from .rows.contact_rows import SmoothRows
+from .rows.known_pairs import KnownPairs, write_distances
+from .rows.known_rows import KnownRows
 
 # most sets of closed rows whose records are kept
 _MOST_SETS = 1000
@@ -165,6 +170,108 @@ def gaps_along(
         write_gaps_of(s.mechanism, rows, index, s.q, out[i])
 
 
+@kernel(
+    "void(SmoothMotion, Tuple(Shapes), PairShapes, i8[::1], f8, f8[:,:,::1], f8, Array(f8, 1, 'C', True),"
+    " Array(f8, 1, 'C', True), Array(f8, 1, 'C', True), f8[:,::1])"
+)
+def distances_along(
+    s: SmoothMotion, tables: tuple[Array, ...], shapes: PairShapes, pairs: Array, near: float, dense: Array, h: float,
+    shares: Array, q: Array, v: Array, out: Array,
+) -> None:  # fmt: skip
+    """Write the distances of some pairs, shape (k,), at n shares of a step; see `write_distances` and `state_at`."""
+    for i in range(len(shares)):
+        state_at(s, dense, h, shares[i], q, v)
+        place(s.mechanism, s.q)
+        write_distances(s.mechanism, tables, shapes, pairs, near, out[i])
+
+
+@kernel("void(SmoothMotion, HeldRows, f8[::1], f8[::1], f8[::1])")
+def remove_drift_of(s: SmoothMotion, held: HeldRows, q: Array, v: Array, gap: Array) -> None:
+    """Move q so that the gaps of the rows vanish, by two steps of Newton's method, and v so that their rates vanish.
+
+    The changes are least in the kinetic metric. `gap` receives the lesser gaps of both steps, shape (k,).
+    """
+    m, nv, L = s.mechanism, len(v), held.L
+    for turn in range(3):
+        weigh(m, q)
+        factor_mass(m.mass, 0.0, m.damping, m.parent, L)
+        for i in range(len(gap)):
+            J, rate = held.rows[nv + i], 0.0
+            missing = evaluate_row(m, held.kind[i], held.sides[i], held.parts[i], q, held.room, J)
+            for k in range(nv):
+                rate += J[k] * v[k]
+            held.part[i] = missing if turn < 2 else rate
+            if turn < 2:
+                gap[i] = missing if turn == 0 else min(gap[i], missing)
+        span_equalities(held.rows, m.parent, DEPENDENT, L, held.R)
+        least_change(L, m.parent, held.R, held.part, s.change)
+        if turn < 2:
+            retract(m.calls, q, s.change, s.q)
+            for k in range(len(q)):
+                q[k] = s.q[k]
+        else:
+            for k in range(nv):
+                v[k] += s.change[k]
+
+
+@kernel("void(f8[:,::1], f8[:,::1], f8, f8, f8[::1], f8[::1])")
+def write_errors(K: Array, weights: Array, h: float, margin: float, travel: Array, error: Array) -> None:
+    """Write how far coordinates travel in a step at most, times a margin, and its errors, by two estimates.
+
+    Their combination, of orders five and three, is of order seven.
+
+    Parameters
+    ----------
+    K : ndarray, shape (n, nv + k)
+        Rates of the stages, of which those with weights count; see `RungeKuttaStep.rates`.
+    weights : ndarray, shape (2, s)
+        Those of the rates in both estimates.
+    h, margin : float
+        Length of the step [s], and the margin.
+    travel, error : ndarray, shapes (nv,) and (nv + k,)
+        Receive travel and errors.
+    """
+    for k in range(len(error)):
+        fifth = third = most = 0.0
+        for i in range(weights.shape[1]):
+            rate = K[i, k]
+            # a NaN is kept
+            if abs(rate) > most or rate != rate:
+                most = abs(rate)
+            fifth += weights[0, i] * rate
+            third += weights[1, i] * rate
+        fifth, third = h * fifth, h * third
+        both = np.sqrt(fifth * fifth + 0.01 * third * third)
+        error[k] = fifth * fifth / both if both != 0.0 else 0.0
+        if k < len(travel):
+            travel[k] = margin * abs(h) * most
+
+
+@kernel("f8(f8[::1], f8[::1], f8[::1])")
+def largest_error(error: Array, v: Array, units: Array) -> float:
+    """Return the largest of the errors of coordinates, in units, and those of velocities over the speed, at least 1.
+
+    Parameters
+    ----------
+    error : ndarray, shape (2 nv,) or (3 nv,)
+        See `RungeKuttaStep.error`.
+    v, units : ndarray, shape (nv,)
+        Velocity and units.
+    """
+    nv, speed, in_chart, of_v = len(v), 1.0, 0.0, 0.0
+    for k in range(nv):
+        speed = max(speed, abs(v[k]) / units[k])
+    for k in range(len(error)):
+        size = error[k] / units[k % nv]
+        # a NaN is kept
+        if k < nv and (size > in_chart or size != size):
+            in_chart = size
+        elif k >= nv and (size > of_v or size != size):
+            of_v = size
+    of_v /= speed
+    return in_chart if in_chart > of_v or in_chart != in_chart else of_v
+
+
 class MechanismStages:
     """The kernels of this module for one mechanism, with the records that they take.
 
@@ -198,6 +305,34 @@ class MechanismStages:
             return False
         self.motion.torque[:] = system.applied
         return True
+
+    def gaps_along(self, way: tuple[Array, float, Array, Array, Array], index: Array) -> Array:
+        """Return the gaps of some rows at n shares of a step, shape (n, k).
+
+        `way` is the dense output, the length of the step, the shares, and q and v at its start.
+        """
+        found = np.empty((len(way[2]), len(index)))
+        gaps_along(self.motion, self.rows.parts, index, *way, found)
+        return found
+
+    def distances_along(
+        self, way: tuple[Array, float, Array, Array, Array], pairs: KnownPairs, index: Array, near: float
+    ) -> Array:
+        """Return the distances of some pairs at n shares of a step, shape (n, k); see `gaps_along`."""
+        found = np.empty((len(way[2]), len(index)))
+        distances_along(self.motion, pairs.tables, pairs.shapes, index, near, *way, found)
+        return found
+
+    def remove_drift(self, closed: Array, q: Array, v: Array) -> tuple[Array, Array, Array] | None:
+        """Return q and v without the drift of closed rows, and their least gaps; None where kernels do not know one."""
+        held = self.held(closed)
+        if held is None:
+            return None
+        q, v, gap = q.copy(), v.copy(), np.empty(len(closed))
+        remove_drift_of(self.motion, held, q, v, gap)
+        # read-only, so that results computed for this array remain valid
+        q.setflags(write=False)
+        return q, v, gap
 
     def held(self, closed: Array) -> HeldRows | None:
         """Return the record of some closed rows, which the same rows share; None where kernels do not know one."""

@@ -7,7 +7,7 @@ import pytest
 
 import mbvi
 from mbvi import reference
-from mbvi.schemes.event_driven.contact_rows import SmoothRows
+from mbvi.schemes.event_driven.rows.contact_rows import SmoothRows
 from mbvi.schemes.event_driven.runge_kutta import Flow
 from mbvi_studies.chart.errors import fitted_order
 from support.paths import ROBOTS, real_robot

@@ -2,20 +2,63 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
+from ....compiled import kernel
+from ....constraints import ConstraintFamily
+from ....constraints.pair_features import FeatureRows
 from ....system import System
 from ....system.system import Array
-from ..contact_rows import SmoothRows
-from ..row_sets import without
+from ..rows.contact_rows import SmoothRows, measured_by
 from ..runge_kutta import RungeKuttaStep
-from ..stages import MechanismStages, gaps_along
+from ..stages import MechanismStages
 from .root_finding import FEW_NODES, first_root
 
-_END = np.ones(1)
-GapFunction = Callable[[float, Array, Array], Array]
+_END, _LENGTHS = np.ones(1), np.diff(FEW_NODES)[:, None]
+
+
+@kernel("i8(f8[:,::1], i8[::1], f8[::1], f8[::1], i8[::1], f8[::1], f8[::1], i8[::1])")
+def write_candidates(
+    reach: Array, which: Array, travel: Array, bounds: Array, closed: Array, fall: Array, after: Array,
+    candidates: Array,
+) -> int:  # fmt: skip
+    """Write which gaps may reach zero within a step; return how many.
+
+    Parameters
+    ----------
+    reach : ndarray, shape (r, nv)
+        How fast each velocity can change a gap; infinite where that is not known.
+    which : ndarray of int, shape (m,)
+        Of each row its reach.
+    travel : ndarray, shape (nv,)
+        Bound of the travel of each coordinate.
+    bounds : ndarray, shape (m,)
+        Lower bounds of the gaps at the start of the step.
+    closed : ndarray of int
+        Rows that cannot close.
+    fall, after : ndarray, shape (m,)
+        Receive bounds of by how much gaps fall, and lower bounds of the gaps after the step.
+    candidates : ndarray of int, shape (m,)
+        Receives the rows.
+    """
+    count, each = 0, np.zeros(len(reach))
+    for r in range(len(reach)):
+        for k in range(len(travel)):
+            each[r] += reach[r, k] * travel[k]
+        # zero times infinity
+        if each[r] != each[r]:
+            each[r] = np.inf
+    for i in range(len(which)):
+        fall[i] = each[which[i]]
+        after[i] = bounds[i] - fall[i]
+        if not after[i] > 0.0:
+            open_row = True
+            for c in closed:
+                open_row = open_row and c != i
+            if open_row:
+                candidates[count] = i
+                count += 1
+    return count
 
 
 class ClosingEvents:
@@ -39,24 +82,24 @@ class ClosingEvents:
     def __init__(self, system: System, rows: SmoothRows, kernels: MechanismStages | None) -> None:
         self._system, self._rows, self._kernels = system, rows, kernels
         # all points of a shape have the same reach
-        self._reach, self._which = np.unique(rows.reach, axis=0, return_inverse=True)
+        self._reach, which = np.unique(rows.reach, axis=0, return_inverse=True)
+        self._which = which.astype(np.int64)
         # a lower bound of each gap at the end of the last step; -inf where it is unknown
         self._bounds = np.full(len(rows.all), -np.inf)
         self.depth = np.zeros(2)
 
     def first(self, step: RungeKuttaStep, closed: Array) -> tuple[float, Array]:
         """Return the share of a step at which the first open row closes, and which: 1 and none if none does."""
-        fall = _largest_fall(self._reach, step.travel)[self._which]
-        bounds = self._bounds - fall
-        candidates = (~(bounds > 0.0)).nonzero()[0]
-        if closed.size:
-            candidates = without(candidates, closed)
+        fall, bounds = np.empty((2, len(self._bounds)))
+        candidates = np.empty(len(fall), np.int64)
+        count = write_candidates(self._reach, self._which, step.travel, self._bounds, closed, fall, bounds, candidates)
+        candidates = candidates[:count].copy()
         self.depth = np.zeros(2)
         if not candidates.size:
             self._bounds = bounds
             return 1.0, candidates
         start = self._start(step, candidates)
-        end = self._along(step, _END, candidates, self._rows.lower_bounds)[0]
+        end = self._along(step, _END, candidates, 0.0)[0]
         bounds[candidates] = end
         self.depth = self._rows.depths(candidates, end)
         # a gap that reaches zero within the step changes by at least the sum of its values at both ends
@@ -105,10 +148,10 @@ class ClosingEvents:
         end, fall : ndarray, shape (k,)
             Lower bounds of their gaps at its end, and bounds of by how much their gaps fall within it.
         """
-        bounds = np.vstack([self._along(step, FEW_NODES[:-1], suspects, self._rows.lower_bounds), end])
+        bounds = np.empty((len(FEW_NODES), len(suspects)))
+        bounds[:-1], bounds[-1] = self._along(step, FEW_NODES[:-1], suspects, 0.0), end
         # the same test between every two neighbouring nodes
-        part = np.diff(FEW_NODES)[:, None] * fall
-        near = ~(bounds[1:] + bounds[:-1] > part).all(axis=0)
+        near = ~(bounds[1:] + bounds[:-1] > _LENGTHS * fall).all(axis=0)
         suspects = suspects[near]
         if not suspects.size:
             return 1.0, suspects
@@ -118,7 +161,7 @@ class ClosingEvents:
         margin = self._rows.rounding[suspects] + np.maximum(-bounds[0, near], 0.0)
 
         def gaps(x: Array, of: Array) -> Array:
-            return self._along(step, x, suspects[of], self._rows.gaps) + margin[of]
+            return self._along(step, x, suspects[of], np.inf) + margin[of]
 
         # the lower bounds are values of the gaps only where no separating axis is used, as for smooth rows
         known = np.where(self._rows.smooth[suspects], bounds[:, near] + margin, np.nan)
@@ -127,25 +170,37 @@ class ClosingEvents:
         share, k = first_root(gaps, steepest, known)
         return share, suspects[k : k + 1] if share < 1.0 else suspects[:0]
 
-    def _along(self, step: RungeKuttaStep, shares: Array, index: Array, gaps: GapFunction) -> Array:
-        """Return gaps, or lower bounds, of some rows at n shares of the step, shape (n, k)."""
-        found, known, rest = np.empty((len(shares), len(index))), np.zeros(len(index), bool), index
-        if self._kernels is not None and (known := self._kernels.rows.known[index]).any():
-            measured = np.empty((len(shares), np.count_nonzero(known)))
-            of = self._kernels.motion, self._kernels.rows.parts, index[known]
-            gaps_along(*of, step.dense, step.h, shares, step.q0, step.v0, measured)
-            if known.all():
-                return measured
-            found[:, known], rest = measured, index[~known]
-        for i, share in enumerate(shares.tolist()):
-            q = step.at(self._system, share)[0] if share < 1.0 else step.q
-            found[i, ~known] = gaps(step.t + share * step.h, q, rest)
+    def _along(self, step: RungeKuttaStep, shares: Array, index: Array, near: float) -> Array:
+        """Return gaps of some rows, or lower bounds of those above `near`, at n shares of the step, shape (n, k)."""
+        if self._kernels is None:
+            found = np.empty((len(shares), len(index)))
+            for i, share in enumerate(shares.tolist()):
+                q = step.at(self._system, share)[0] if share < 1.0 else step.q
+                found[i] = self._rows.measured(step.t + share * step.h, q, index, near)
+            return found
+        kernels, known = self._kernels, self._kernels.rows.known[index]
+        way = step.dense, step.h, shares, step.q0, step.v0
+        if known.all():
+            return kernels.gaps_along(way, index)
+        found = np.empty((len(shares), len(index)))
+        if known.any():
+            found[:, known] = kernels.gaps_along(way, index[known])
+        found[:, ~known] = np.hstack(
+            [
+                self._along_in_turn(step, shares, family, own, near)
+                if pairs is None
+                else kernels.distances_along(way, pairs, own, near)
+                for family, own, pairs in self._rows.with_kernels(index[~known])
+            ]
+        )
         return found
 
-
-def _largest_fall(reach: Array, travel: Array) -> Array:
-    """Return bounds of by how much gaps fall within a step; infinite where the reach of a row is unknown."""
-    with np.errstate(invalid="ignore"):
-        fall: Array = reach @ travel
-    fall[np.isnan(fall)] = np.inf
-    return fall
+    def _along_in_turn(
+        self, step: RungeKuttaStep, shares: Array, family: ConstraintFamily | FeatureRows, own: Array, near: float
+    ) -> Array:
+        """Return what `_along` does of rows of one family, one place after the other."""
+        found = np.empty((len(shares), len(own)))
+        for i, share in enumerate(shares.tolist()):
+            q = step.at(self._system, share)[0] if share < 1.0 else step.q
+            found[i] = measured_by(family, step.t + share * step.h, q, own, near)
+        return found

@@ -8,7 +8,7 @@ import numpy as np
 
 from ....system.system import Array
 from ..motion_state import NO_ROWS, MotionState
-from ..row_sets import members
+from ..rows.row_sets import members
 from ..runge_kutta import RungeKuttaStep
 
 # shares of a step at which features are compared, and how near to the change, in roundings of gaps, the search ends

@@ -45,8 +45,8 @@ def interpolation_error(last: Array, values: Array, k: int) -> float:
             coefficient += last[c, i] * values[i, k]
         error += abs(coefficient)
     for i in range(len(values)):
-        # written so that a NaN is kept
-        if not abs(values[i, k]) <= size:
+        # a NaN is kept
+        if abs(values[i, k]) > size or values[i, k] != values[i, k]:
             size = abs(values[i, k])
     return _ERROR_FACTOR * error + _ROUNDING * size
 

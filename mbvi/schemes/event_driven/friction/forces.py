@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ....system.system import Array
 from ...contact_friction import ContactFriction
-from ..contact_rows import SmoothRows
+from ..rows.contact_rows import SmoothRows
 from .modes import ContactModes
 
 

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ....system.system import Array
-from ..contact_rows import SmoothRows
-from ..row_sets import members
+from ..rows.contact_rows import SmoothRows
+from ..rows.row_sets import members
 from ..runge_kutta import DEGREE, DEPENDENT, ContactEquations, Flow, RungeKuttaStep, least_percussion
 
 # slip that counts as none, relative to the sum of its terms: more than their rounding

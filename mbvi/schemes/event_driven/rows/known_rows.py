@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...compiled import held, kernel, plain_array
-from ...constraints.mechanism.held_rows import (
+from ....compiled import held, kernel, plain_array
+from ....constraints.mechanism.held_rows import (
     UNKNOWN,
     RowParts,
     RowRoom,
-    gradient_of,
+    evaluate_row,
     row_room,
     write_gaps_of,
     write_row,
 )
-from ...system import System
-from ...system.mechanisms.articulated import ArticulatedSystem
-from ...system.mechanisms.mechanism import Mechanism, evaluate_nonlinear_effects, place, weigh
-from ...system.system import Array
+from ....system import System
+from ....system.mechanisms.articulated import ArticulatedSystem
+from ....system.mechanisms.mechanism import Mechanism, evaluate_nonlinear_effects, place, weigh
+from ....system.system import Array
 
 
 @kernel("void(Mechanism, RowParts, i8[::1], f8[::1], f8[::1])")
@@ -33,7 +33,7 @@ def gradients_at(m: Mechanism, rows: RowParts, room: RowRoom, index: Array, q: A
     place(m, q)
     for i in range(len(index)):
         r = index[i]
-        gradient_of(m, rows.kind[r], rows.sides[r], rows.parts[r], room, J[i])
+        evaluate_row(m, rows.kind[r], rows.sides[r], rows.parts[r], q, room, J[i])
 
 
 @kernel("void(Mechanism, RowParts, RowRoom, i8[::1], f8[::1], f8[::1], f8[:,::1], f8[::1])")
@@ -61,13 +61,13 @@ class KnownRows:
     Attributes
     ----------
     mechanism, parts
-        The same.
+        The same, as `held` returns them.
     known : ndarray of bool, shape (m,)
         Which rows kernels know.
     """
 
     def __init__(self, mechanism: Mechanism, parts: RowParts) -> None:
-        self.mechanism, self._held = mechanism, held(mechanism)
+        self.mechanism, self._nv = held(mechanism), len(mechanism.parent)
         self._room = held(row_room())
         self.set_parts(parts)
 
@@ -78,19 +78,19 @@ class KnownRows:
     def gaps(self, q: Array, index: Array) -> Array:
         """Return the gaps of some rows at q, shape (k,)."""
         gap = np.empty(len(index))
-        gaps_at(self._held, self.parts, index, plain_array(q), gap)
+        gaps_at(self.mechanism, self.parts, index, plain_array(q), gap)
         return gap
 
     def gradients(self, q: Array, index: Array) -> Array:
         """Return the gradients of some rows at q, shape (k, nv)."""
-        J = np.empty((len(index), len(self.mechanism.parent)))
-        gradients_at(self._held, self.parts, self._room, index, plain_array(q), J)
+        J = np.empty((len(index), self._nv))
+        gradients_at(self.mechanism, self.parts, self._room, index, plain_array(q), J)
         return J
 
     def biases(self, q: Array, v: Array, index: Array) -> Array:
         """Return (dJ/dt) v of some rows at q and v, shape (k,)."""
-        J, bias = np.empty((len(index), len(self.mechanism.parent))), np.empty(len(index))
-        biases_at(self._held, self.parts, self._room, index, plain_array(q), plain_array(v), J, bias)
+        J, bias = np.empty((len(index), self._nv)), np.empty(len(index))
+        biases_at(self.mechanism, self.parts, self._room, index, plain_array(q), plain_array(v), J, bias)
         return bias
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...constraints.rows import Array
-from ...geometry.narrow.spread import FEW_POINTS
-from ...geometry.vectors import within_plane
+from ....constraints.rows import Array
+from ....geometry.narrow.spread import FEW_POINTS
+from ....geometry.vectors import within_plane
 from .contact_rows import SmoothRows
 from .row_sets import members
 

@@ -7,15 +7,17 @@ from typing import Any
 
 import numpy as np
 
-from ...constraints import AdmissibleSet, ConstraintFamily, RowTable
-from ...constraints.feature_kernels import FACE_VERTEX
-from ...constraints.mechanism.held_rows import LIMIT, RowParts, unknown_parts
-from ...constraints.pair_features import FeatureRows
-from ...constraints.rows import Array, Rows
-from ...constraints.tangents import Tangents
-from ...errors import UnsuitableError
-from ...system.free.sparse_rows import dense
-from ...system.lengths import velocity_units
+from ....constraints import AdmissibleSet, ConstraintFamily, RowTable
+from ....constraints.families.signed_distance import SignedDistances
+from ....constraints.feature_kernels import FACE_VERTEX
+from ....constraints.mechanism.held_rows import LIMIT, RowParts, unknown_parts
+from ....constraints.pair_features import FeatureRows
+from ....constraints.rows import Array, Rows
+from ....constraints.tangents import Tangents
+from ....errors import UnsuitableError
+from ....system.free.sparse_rows import dense
+from ....system.lengths import velocity_units
+from .known_pairs import KnownPairs
 from .known_rows import KnownRows, known_rows
 from .row_sets import union, without
 
@@ -107,6 +109,10 @@ class SmoothRows:
         self.friction: Array | None = None
         self._splits: dict[bytes, list[tuple[ConstraintFamily | FeatureRows, Array]]] = {}
         self.kernels = known_rows(self._system, self.parts(self.all))
+        self._pairs: dict[int, KnownPairs] = {}
+        if self.kernels is not None:
+            searched = (family for family, _ in self._parts if isinstance(family, SignedDistances))
+            self._pairs = {id(family): KnownPairs(self.kernels.mechanism, family) for family in searched}
 
     def with_features(self, q: Array, index: Array, kept: Array, tolerance: float) -> Array:
         """Return some rows that touch with those of features in place of their pairs, where they are known.
@@ -163,15 +169,36 @@ class SmoothRows:
 
     def gaps(self, t: float, q: Array, index: Array) -> Array:
         """Return f(q) of some rows in ascending order, shape (k,) [m or rad]."""
-        if (kernels := self._kernels_of(index)) is not None:
-            return kernels.gaps(q, index)
-        return self._each(index, lambda family, rows: family.row_gap(t, q, rows), np.zeros(0))
+        return self.measured(t, q, index, np.inf)
 
     def lower_bounds(self, t: float, q: Array, index: Array) -> Array:
         """Return lower bounds of f(q) of some rows in ascending order, shape (k,): positive ones, or f(q) itself."""
-        if (kernels := self._kernels_of(index)) is not None:
-            return kernels.gaps(q, index)
-        return self._each(index, lambda family, rows: family.row_lower_bound(t, q, rows), np.zeros(0))
+        return self.measured(t, q, index, 0.0)
+
+    def measured(self, t: float, q: Array, index: Array, near: float) -> Array:
+        """Return gaps of some rows, or lower bounds of those above `near`, which is zero or infinite."""
+        if self.kernels is None:
+            return self._each(index, lambda family, rows: measured_by(family, t, q, rows, near), np.zeros(0))
+        found, known = np.empty(len(index)), self.kernels.known[index]
+        if known.all():
+            return self.kernels.gaps(q, index)
+        if known.any():
+            found[known] = self.kernels.gaps(q, index[known])
+        found[~known] = np.concatenate(
+            [
+                measured_by(family, t, q, rows, near) if pairs is None else pairs.distances(q, rows, near)
+                for family, rows, pairs in self.with_kernels(index[~known])
+            ]
+        )
+        return found
+
+    def with_kernels(self, index: Array) -> list[tuple[ConstraintFamily | FeatureRows, Array, KnownPairs | None]]:
+        """Return the families of some rows, each with its own rows and the kernels that measure all of them, or None."""
+        found = []
+        for family, rows in self._split(index):
+            pairs = self._pairs.get(id(family))
+            found.append((family, rows, None if pairs is None or not pairs.known[rows].all() else pairs))
+        return found
 
     def gradients(self, t: float, q: Array, index: Array) -> Array:
         """Return grad f of some rows in ascending order, shape (k, nv)."""
@@ -282,6 +309,11 @@ class SmoothRows:
                 if high > low
             ]
         return split
+
+
+def measured_by(family: ConstraintFamily | FeatureRows, t: float, q: Array, rows: Array, near: float) -> Array:
+    """Return what `SmoothRows.measured` does of the rows of one family."""
+    return family.row_gap(t, q, rows) if near == np.inf else family.row_lower_bound(t, q, rows)
 
 
 def _extent(system: Any, q: Array) -> float:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...compiled import kernel
-from ...system.system import Array
+from ....compiled import kernel
+from ....system.system import Array
 
 
 @kernel("void(i8[::1], i8[::1], b1[::1])")

@@ -1,0 +1,1 @@
+"""The rows of all constraints as `EventDriven` has them: gaps and gradients at any configuration, near or far."""
