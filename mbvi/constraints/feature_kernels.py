@@ -54,6 +54,39 @@ def touch(
     return normal[0] * x + normal[1] * y + normal[2] * z
 
 
+@kernel("void(i8[::1], f8[:,:,:,::1], f8[::1], f8[:,::1], f8[:,::1], i8[:,:,::1], f8[::1])")
+def write_outside(
+    kind: Array, places: Array, gap: Array, point: Array, planes: Array, faces: Array, outside: Array
+) -> None:  # fmt: skip
+    """Write how far the contact points of some rows are outside the faces that they are on, beyond their gaps.
+
+    Parameters
+    ----------
+    kind, places, gap, point
+        As of `touch_each`.
+    planes : ndarray, shape (n, 4)
+        Outward normals and offsets of faces, in frames of bodies.
+    faces : ndarray of int, shape (k, 2, 2)
+        Of each row where the faces of either shape begin and end.
+    outside : ndarray, shape (k,)
+        Receives the lengths [m].
+    """
+    for i in range(len(kind)):
+        outside[i] = -np.inf
+        for side in range(2):
+            if kind[i] == (FACE_VERTEX if side == 1 else VERTEX_FACE):
+                continue
+            P = places[i, side]
+            x, y, z = point[i, 0] - P[3, 0], point[i, 1] - P[3, 1], point[i, 2] - P[3, 2]
+            u = P[0, 0] * x + P[0, 1] * y + P[0, 2] * z
+            v = P[1, 0] * x + P[1, 1] * y + P[1, 2] * z
+            w = P[2, 0] * x + P[2, 1] * y + P[2, 2] * z
+            for f in range(faces[i, side, 0], faces[i, side, 1]):
+                n = planes[f]
+                outside[i] = max(outside[i], n[0] * u + n[1] * v + n[2] * w - n[3])
+        outside[i] -= abs(gap[i])
+
+
 @kernel("void(i8[::1], f8[:,:,:,::1], f8[:,:,:,::1], f8[:,:,::1], f8[::1], f8[:,::1], f8[:,::1])")
 def touch_each(
     kind: Array, parts: Array, places: Array, along: Array, gap: Array, point: Array, normal: Array

@@ -13,7 +13,7 @@ import numpy as np
 from ..geometry.shapes.shape_table import ShapeTable
 from ..geometry.shapes.shapes import PlacedShape
 from ..system import System
-from .feature_kernels import EDGES, FACE_VERTEX, VERTEX_FACE, add_turning_biases, touch_each
+from .feature_kernels import EDGES, FACE_VERTEX, VERTEX_FACE, add_turning_biases, touch_each, write_outside
 from .mechanism.held_rows import RowParts
 from .rows import Array
 
@@ -73,9 +73,9 @@ class FeatureRows:
         # of each row a point and a direction on either body, in the body's frame: of a vertex the point, of a face a
         # point and the normal from the first shape to the second, of an edge a point and its direction
         self._parts = np.zeros((0, 2, 2, 3))
-        # of each row the faces of both shapes, in the bodies' frames; and the faces of each shape
-        self._faces: list[list[Array]] = []
-        self._known: dict[int, Array] = {}
+        # faces of shapes, in the bodies' frames; where those of each shape, and of both shapes of each row, begin and end
+        self._planes, self._faces = np.zeros((0, 4)), np.zeros((0, 2, 2), np.int64)
+        self._known: dict[int, tuple[int, int]] = {}
         self._last_key, self._last = b"", _NOWHERE
 
     def add(
@@ -98,8 +98,10 @@ class FeatureRows:
         bodies = np.array([shape.body for shape in shapes])
         for shape in shapes:
             if id(shape) not in self._known:
-                self._known[id(shape)] = _faces(shape)
-        faces = [self._known[id(shape)] for shape in shapes]
+                begin, self._planes = len(self._planes), np.vstack([self._planes, _faces(shape)])
+                self._known[id(shape)] = begin, len(self._planes)
+        ranges = [self._known[id(shape)] for shape in shapes]
+        faces = [self._planes[begin:end] for begin, end in ranges]
         found = _features(shapes, faces, self._places(q, bodies), float(table.bound[sides].min()), point, normal, alone)
         if found is None:
             return None
@@ -110,7 +112,7 @@ class FeatureRows:
             return int(same.argmax())
         self._kind, self._bodies = np.append(self._kind, kind), np.vstack([self._bodies, bodies])
         self._parts = np.concatenate([self._parts, parts[None]])
-        self._faces.append(faces)
+        self._faces = np.concatenate([self._faces, np.array([ranges])])
         return len(self._kind) - 1
 
     def _places(self, q: Array, bodies: Array) -> Array:
@@ -139,12 +141,8 @@ class FeatureRows:
     def outside(self, q: Array, rows: Array) -> Array:
         """Return how far the contact points of some rows are outside the shapes, beyond their gaps, shape (k,) [m]."""
         at, found = self._at(q, rows), np.empty(len(rows))
-        own = ((at.point[:, None] - at.places[:, :, 3])[:, :, None, :] @ at.places[:, :, :3].swapaxes(2, 3))[:, :, 0]
-        for i, row in enumerate(rows.tolist()):
-            sides = (1,) if at.kind[i] == VERTEX_FACE else (0,) if at.kind[i] == FACE_VERTEX else (0, 1)
-            planes = self._faces[row]
-            found[i] = max(float((planes[k][:, :3] @ own[i, k] - planes[k][:, 3]).max()) for k in sides)
-        return np.asarray(found - np.abs(at.gap))
+        write_outside(at.kind, at.places, at.gap, at.point, self._planes, self._faces[rows], found)
+        return found
 
     def row_gap(self, t: float, q: Array, rows: Array) -> Array:
         """Return the gaps of some rows, shape (k,) [m]."""

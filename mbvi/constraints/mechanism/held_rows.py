@@ -106,8 +106,9 @@ class HeldRows(NamedTuple):
 def held_rows_of(parts: RowParts, nv: int) -> HeldRows:
     """Return the record of some rows of a mechanism with nv velocities."""
     k = len(parts.kind)
-    matrices = *np.zeros((2, nv + k, nv)), *np.zeros((2, k, k))
-    return HeldRows(*parts, *matrices, *np.zeros((4, k)), row_room())
+    (rows, L), (R, S) = np.zeros((2, nv + k, nv)), np.zeros((2, k, k))
+    wanted, missing, force, part = np.zeros((4, k))
+    return HeldRows(*parts, rows, L, R, S, wanted, missing, force, part, row_room())
 
 
 def unknown_parts(count: int) -> RowParts:

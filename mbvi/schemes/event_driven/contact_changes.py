@@ -123,19 +123,19 @@ def _impact(
 def _resting(state: MotionState, touching: Array, J: Array, metric: Metric, e: Array, still: Array) -> Array:
     """Return the touching rows that rest: their rate is zero or negative, or their bounces are too small to follow."""
     rates = J @ state.v
-    bias = state.rows.bias(state.t, state.q, state.v, touching)
+    free, _, _, wanted, _ = state.flow.contact_equations(state.t, state.q, state.v, touching)
     smooth = state.rows.smooth[touching]
     sure = (rates <= still) & smooth
     flat = state.rows.lever[touching] * rates**2, 2.0 * _BOUNCE * state.problem.length
-    free, rest = state.system.acceleration(state.t, state.q, state.v), sure
+    rest = sure
     # the contact forces of rows that rest act on the others, so that more of them may rest
     while True:
         acceleration = free
         if rest.any() and state.modes is not None:
             acceleration = changes.accelerations(state, state.modes, touching[rest])
         elif rest.any():
-            acceleration = state.projector.project(free, metric, J[rest], -bias[rest]).velocity
-        pull = np.minimum(J @ acceleration + bias, 0.0)
+            acceleration = state.projector.project(free, metric, J[rest], wanted[rest]).velocity
+        pull = np.minimum(J @ acceleration - wanted, 0.0)
         # a contact that the forces close rests if all its bounces last less time than the tolerance, or rise less than
         # `_BOUNCE`
         brief = 2.0 * rates <= state.tolerance * -pull * (1.0 - e)

@@ -193,7 +193,7 @@ class SmoothRows:
         return found
 
     def with_kernels(self, index: Array) -> list[tuple[ConstraintFamily | FeatureRows, Array, KnownPairs | None]]:
-        """Return the families of some rows, each with its own rows and the kernels that measure all of them, or None."""
+        """Return the families of some rows, each with its own rows and the kernels that measure these, or None."""
         found = []
         for family, rows in self._split(index):
             pairs = self._pairs.get(id(family))

@@ -18,7 +18,7 @@ from ....system.system import Array
 def write_distances(
     m: Mechanism, tables: tuple[Array, ...], shapes: PairShapes, pairs: Array, near: float, distance: Array
 ) -> None:  # fmt: skip
-    """Write the distances of some pairs, shape (k,), where the mechanism is placed; lower bounds if they are not near."""
+    """Write the distances of some pairs, or lower bounds if they are not near, where the mechanism is placed."""
     place_bodies(m, shapes)
     chosen = shapes.others[:1]
     for i in range(len(pairs)):
