@@ -3,7 +3,8 @@
     python benchmarks/event_driven_robots.py [-l SECONDS] [-t TOLERANCE] [NAME ...]
 
 Each robot falls 2 cm and lies for the rest of one second, at e = 0 and e = 0.5. A run ends after 40 s of CPU time, or
-as many as -l says; the table then says how far it came. Kernels are loaded before the clock starts.
+as many as -l says; the table then says how far it came. Kernels and robots are loaded before the clock
+starts.
 """
 
 from __future__ import annotations
@@ -25,8 +26,9 @@ HEIGHT, DURATION = 0.02, 1.0
 
 def line(name: str, restitution: float, tolerance: float, limit: float) -> str:
     """Run one robot and return its line of the table."""
+    problem = published_robot(name, HEIGHT, restitution)
     start = time.process_time()
-    integrator = mbvi.EventDriven(tolerance).integrator(published_robot(name, HEIGHT, restitution), Projector())
+    integrator = mbvi.EventDriven(tolerance).integrator(problem, Projector())
     steps = impacts = 0
     end = ""
     try:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from mbvi.constraints.feature_kernels import EDGES, FACE_VERTEX, VERTEX_FACE
-from mbvi.constraints.mechanism.held_rows import LIMIT, RowParts, held_rows_of, hold, write_held
+from mbvi.constraints.mechanism.held_rows import LIMIT, RowParts, held_rows_of, hold, row_room, write_held
 from mbvi.schemes.event_driven.runge_kutta import DEGREE
 from mbvi.schemes.event_driven.stages import accelerate, smooth_motion
 from support.joint_tree_arguments import moved_model, tree_of
@@ -78,6 +78,76 @@ def _measured(rng):
     return motion.mechanism, parts, index, q, np.full(3, np.nan)
 
 
+def _some_of(rng):
+    """Five rows of a robot, of which three are asked for; the robot was placed elsewhere."""
+    system, motion, _, q, v = moving(rng)
+    parts = random_parts(rng, system.model, 5)
+    return motion.mechanism, parts, rng.permutation(5)[:3], q, v
+
+
+def _gaps_at(rng):
+    mechanism, parts, index, q, _ = _some_of(rng)
+    return mechanism, parts, index, q, np.full(3, np.nan)
+
+
+def _gradients_at(rng):
+    mechanism, parts, index, q, v = _some_of(rng)
+    return mechanism, parts, row_room(), index, q, np.full((3, len(v)), np.nan)
+
+
+def _biases_at(rng):
+    mechanism, parts, index, q, v = _some_of(rng)
+    return mechanism, parts, row_room(), index, q, v, np.full((3, len(v)), np.nan), np.full(3, np.nan)
+
+
+def _one_row(rng):
+    system, motion, _, q, v = _accelerated(rng)
+    parts = random_parts(rng, system.model, 1)
+    return motion.mechanism, int(parts.kind[0]), parts.sides[0], parts.parts[0], q, row_room(), np.full(len(v), np.nan)
+
+
+def _drifted(rng):
+    _, motion, rows, q, v = moving(rng)
+    # gaps that Newton's method closes
+    rows.parts[:, 0, 0] *= 1e-3
+    return motion, rows, q, v, np.full(len(rows.kind), np.nan)
+
+
+def _errors(rng):
+    nv, stages = int(rng.integers(1, 5)), int(rng.integers(2, 5))
+    K, weights = rng.normal(size=(stages + 2, 2 * nv)), rng.normal(size=(2, stages))
+    K[rng.random(K.shape) < 0.1] = rng.choice([0.0, np.nan])
+    K[:, 0] *= rng.choice([0.0, 1.0])
+    return K, weights, 0.1, 1.2, np.full(nv, np.nan), np.full(2 * nv, np.nan)
+
+
+def _error(rng):
+    nv = int(rng.integers(1, 5))
+    error = rng.random(int(rng.integers(2, 4)) * nv)
+    error[rng.integers(len(error))] = rng.choice([0.0, np.nan, 2.0])
+    return error, rng.normal(scale=3.0, size=nv), 0.1 + rng.random(nv)
+
+
+def _interpolated(rng):
+    degree, count = int(rng.integers(2, 6)), int(rng.integers(1, 4))
+    values = rng.normal(size=(degree + 1, count)) + rng.choice([0.0, 3.0, 30.0])
+    values[rng.random(values.shape) < 0.05] = np.nan
+    return rng.normal(size=(2, degree + 1)), rng.random((9, degree + 1)), values, np.full(count, np.nan)
+
+
+def _may_close(rng):
+    reach, m = rng.choice([0.0, 0.5, np.inf], size=(3, 4)), 8
+    closed = rng.permutation(m)[: int(rng.integers(0, 4))]
+    rest = rng.choice([0.0, 0.2], size=4), rng.choice([-np.inf, 0.01, 5.0], size=m), closed
+    return reach, rng.integers(0, 3, size=m), *rest, *np.full((2, m), np.nan), np.zeros(m, np.int64)
+
+
+def _outside(rng):
+    kind, _, places, _ = _features(rng, 4)
+    faces = np.sort(rng.integers(0, 9, size=(4, 2, 2)), axis=2)
+    return kind, places, rng.normal(size=4), rng.normal(size=(4, 3)), rng.normal(size=(8, 4)), faces, np.full(4, np.nan)
+
+
 def _point(rng):
     _, motion, *_ = _accelerated(rng)
     return motion.mechanism.tree, int(rng.integers(len(motion.mechanism.tree.kind))), rng.normal(size=3)
@@ -142,6 +212,19 @@ def _rates(rng):
 
 
 HELD_ROW_ARGUMENTS = {
+    "write_members": lambda rng: (*rng.integers(0, 9, size=(2, 5)), np.zeros(5, bool)),
+    "gaps_at": _gaps_at,
+    "gradients_at": _gradients_at,
+    "biases_at": _biases_at,
+    "evaluate_row": _one_row,
+    "write_row": lambda rng: (lambda m, kind, sides, parts, _, *rest: (m, kind, sides, parts, *rest))(*_one_row(rng)),
+    "remove_drift_of": _drifted,
+    "write_errors": _errors,
+    "largest_error": _error,
+    "interpolation_error": lambda rng: (*_interpolated(rng)[::2], 0),
+    "write_soonest": _interpolated,
+    "write_candidates": _may_close,
+    "write_outside": _outside,
     "touch": _touch,
     "touch_each": _touch_each,
     "turning_bias": _turning,

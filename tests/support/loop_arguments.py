@@ -22,6 +22,8 @@ from mbvi.constraints.mechanism.state import row_buffer
 from mbvi.constraints.mechanism.tables import BALLS_AT_MESH, MOST_ROWS, SHAPES_AT_MESH
 from mbvi.run.loop import compiled_loop, loop_scope, step_loop
 from mbvi.run.loop.loop_record import LoopRecord
+from mbvi.schemes.event_driven.runge_kutta import DEGREE
+from mbvi.schemes.event_driven.stages import smooth_motion
 from mbvi.system.mechanisms.mechanism import place
 from support.paths import DATA, ROBOTS
 
@@ -552,6 +554,24 @@ def _near(seed):
     return s.mechanism, s.constraints.shapes, s.constraints.near
 
 
+def write_distances(rng, seed):
+    near = rng.permutation(2), float(rng.choice([0.0, np.inf]))
+    return *_near(seed), *near, np.full(2, np.nan)
+
+
+def distances_at(rng, seed):
+    *rest, distance = write_distances(rng, seed)
+    return *rest, rest[0].placed + 1e-3, distance
+
+
+def distances_along(rng, seed):
+    mechanism, shapes, pairs, *near, distance = write_distances(rng, seed)
+    q, nv = mechanism.placed.copy(), len(mechanism.parent)
+    dense, shares = 0.1 * rng.normal(size=(2, nv, DEGREE)), rng.random(3)
+    motion = smooth_motion(mechanism, len(q), nv)
+    return motion, shapes, pairs, *near, dense, 1e-2, shares, q, rng.normal(size=nv), np.full((3, 2), np.nan)
+
+
 def is_beyond(rng, seed):
     _, shapes, near = _near(seed)
     return shapes, near, int(rng.integers(len(near.bound))), float(rng.choice([0.0, 0.1, 1.0]))
@@ -621,6 +641,9 @@ LOOP_ARGUMENTS = {
     "place_bodies": lambda rng, seed: _near(seed)[::2],
     "distance_of": lambda rng, seed: (*_near(seed)[1:], int(rng.integers(2)), float(rng.choice([0.0, 1.0]))),
     "is_beyond": is_beyond,
+    "write_distances": write_distances,
+    "distances_at": distances_at,
+    "distances_along": distances_along,
     "write_gradients": write_gradients,
     "write_gradient_of": write_gradient_of,
     "displacement_of_groups": displacement_of_groups,

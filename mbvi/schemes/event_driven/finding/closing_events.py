@@ -44,10 +44,7 @@ def write_candidates(
     count, each = 0, np.zeros(len(reach))
     for r in range(len(reach)):
         for k in range(len(travel)):
-            each[r] += reach[r, k] * travel[k]
-        # zero times infinity
-        if each[r] != each[r]:
-            each[r] = np.inf
+            each[r] += reach[r, k] * travel[k] if reach[r, k] < np.inf else np.inf
     for i in range(len(which)):
         fall[i] = each[which[i]]
         after[i] = bounds[i] - fall[i]
