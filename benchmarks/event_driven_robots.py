@@ -3,8 +3,7 @@
     python benchmarks/event_driven_robots.py [-l SECONDS] [-t TOLERANCE] [NAME ...]
 
 Each robot falls 2 cm and lies for the rest of one second, at e = 0 and e = 0.5. A run ends after 40 s of CPU time, or
-as many as -l says; the table then says how far it came. Kernels and robots are loaded before the clock
-starts.
+as many as -l says; the table then says how far it came. Kernels and robots are loaded before that.
 """
 
 from __future__ import annotations

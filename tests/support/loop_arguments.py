@@ -565,7 +565,7 @@ def distances_at(rng, seed):
 
 
 def distances_along(rng, seed):
-    mechanism, shapes, pairs, *near, distance = write_distances(rng, seed)
+    mechanism, shapes, pairs, *near, _ = write_distances(rng, seed)
     q, nv = mechanism.placed.copy(), len(mechanism.parent)
     dense, shares = 0.1 * rng.normal(size=(2, nv, DEGREE)), rng.random(3)
     motion = smooth_motion(mechanism, len(q), nv)
