@@ -73,7 +73,7 @@ class FeatureRows:
         # of each row a point and a direction on either body, in the body's frame: of a vertex the point, of a face a
         # point and the normal from the first shape to the second, of an edge a point and its direction
         self._parts = np.zeros((0, 2, 2, 3))
-        # faces of shapes, in the bodies' frames; where those of both shapes of each row begin and end, and of each shape
+        # faces of shapes in frames of bodies; where those of both shapes of each row begin and end, and of each shape
         self._planes, self._faces = np.zeros((0, 4)), np.zeros((0, 2, 2), np.int64)
         self._known: dict[int, tuple[int, int]] = {}
         self._last_key, self._last = b"", _NOWHERE
