@@ -1,4 +1,4 @@
-"""Kernels of rows that keep their features: a vertex on a face, or an edge across an edge."""
+"""Kernels of rows that keep their features: a vertex or a rim on a face, or an edge across an edge."""
 
 from __future__ import annotations
 
@@ -11,6 +11,60 @@ Array = np.ndarray
 
 # which features touch: a vertex of the first shape and a face of the second, the reverse, or two edges
 VERTEX_FACE, FACE_VERTEX, EDGES = range(3)
+# a face of the first shape and the rim of a disc of the second; the kind between them is that of limits of joints
+FACE_RIM = 4
+# sine of the angle between a disc and a face below which any point of the rim counts as the lowest
+_LEVEL = 1e-9
+
+
+@kernel("UniTuple(f8, 3)(f8[::1], f8[::1])")
+def lowest_of_rim(n: Array, axis: Array) -> tuple[float, float, float]:
+    """Return the way from the centre of a disc to the lowest point of its rim along n; `axis` has its radius as length.
+
+    Both have shape (3,).
+    """
+    square = axis[0] * axis[0] + axis[1] * axis[1] + axis[2] * axis[2]
+    radius, s = np.sqrt(square), (n[0] * axis[0] + n[1] * axis[1] + n[2] * axis[2]) / square
+    x, y, z = n[0] - s * axis[0], n[1] - s * axis[1], n[2] - s * axis[2]
+    size = np.sqrt(x * x + y * y + z * z)
+    if size <= _LEVEL:
+        x, y, z = cross_product(axis[0], axis[1], axis[2], 1.0, 0.0, 0.0)
+        if x * x + y * y + z * z < 0.25 * square:
+            x, y, z = cross_product(axis[0], axis[1], axis[2], 0.0, 1.0, 0.0)
+        size = np.sqrt(x * x + y * y + z * z)
+    share = -radius / size
+    return share * x, share * y, share * z
+
+
+@kernel("f8(f8[::1], f8[::1], f8[::1], f8[::1])")
+def rolling_bias(n: Array, axis: Array, first: Array, second: Array) -> float:
+    """Return what the way of the lowest point along a rim adds to (dJ/dt) v of its height.
+
+    Parameters
+    ----------
+    n, axis : ndarray, shape (3,)
+        See `lowest_of_rim`.
+    first, second : ndarray, shape (6,)
+        Twists of the bodies that have the face and the disc; the last three numbers are their turning.
+    """
+    radius = np.sqrt(axis[0] * axis[0] + axis[1] * axis[1] + axis[2] * axis[2])
+    a, b, c = axis[0] / radius, axis[1] / radius, axis[2] / radius
+    along = n[0] * a + n[1] * b + n[2] * c
+    x, y, z = n[0] - along * a, n[1] - along * b, n[2] - along * c
+    size = np.sqrt(x * x + y * y + z * z)
+    if size <= _LEVEL:
+        return 0.0
+    x, y, z = x / size, y / size, z / size
+    n0, n1, n2 = cross_product(first[3], first[4], first[5], n[0], n[1], n[2])
+    a0, a1, a2 = cross_product(second[3], second[4], second[5], a, b, c)
+    change = n0 * a + n1 * b + n2 * c + n[0] * a0 + n[1] * a1 + n[2] * a2
+    # the rate of the direction from the lowest point to the centre, and that within the disc
+    u, v, w = n0 - change * a - along * a0, n1 - change * b - along * a1, n2 - change * c - along * a2
+    grows = u * x + v * y + w * z
+    d0, d1, d2 = cross_product(second[3], second[4], second[5], x, y, z)
+    u, v, w = (u - grows * x) / size - d0, (v - grows * y) / size - d1, (w - grows * z) / size - d2
+    d0, d1, d2 = cross_product(second[3] - first[3], second[4] - first[4], second[5] - first[5], u, v, w)
+    return -radius * (n[0] * d0 + n[1] * d1 + n[2] * d2)
 
 
 @kernel("f8(i8, f8[:,:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1])")
@@ -24,7 +78,8 @@ def touch(
     kind : int
         Which features touch.
     parts : ndarray, shape (2, 2, 3)
-        A point and a direction on either body, in its frame; see `FeatureRows`.
+        A point and a direction on either body, in its frame; see `FeatureRows`. Of a disc they are its centre and its
+        axis, whose length is the radius.
     first, second : ndarray, shape (4, 3)
         Placements of the bodies.
     along : ndarray, shape (2, 3)
@@ -50,6 +105,9 @@ def touch(
     else:
         side, moved = (1, 0.0) if kind == VERTEX_FACE else (0, 1.0)
         normal[0], normal[1], normal[2] = along[side, 0], along[side, 1], along[side, 2]
+        if kind == FACE_RIM:
+            d0, d1, d2 = lowest_of_rim(normal, along[1])
+            x, y, z = x + d0, y + d1, z + d2
         point[0], point[1], point[2] = a + moved * x, b + moved * y, c + moved * z
     return normal[0] * x + normal[1] * y + normal[2] * z
 

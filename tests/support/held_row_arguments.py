@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from mbvi.constraints.feature_kernels import EDGES, FACE_VERTEX, VERTEX_FACE
+from mbvi.constraints.feature_kernels import EDGES, FACE_RIM, FACE_VERTEX, VERTEX_FACE
 from mbvi.constraints.mechanism.held_rows import LIMIT, RowParts, held_rows_of, hold, row_room, write_held
 from mbvi.schemes.event_driven.runge_kutta import DEGREE
 from mbvi.schemes.event_driven.stages import accelerate, smooth_motion
@@ -12,9 +12,9 @@ from support.robot_arguments import moving_robot, unit
 
 def random_parts(rng, model, count):
     """Features of two bodies each, and limits of joints with one velocity; one row may be there twice."""
-    kinds = np.array([VERTEX_FACE, FACE_VERTEX, EDGES, LIMIT])
+    kinds = np.array([VERTEX_FACE, FACE_VERTEX, EDGES, FACE_RIM, LIMIT])
     single = [j for j in range(1, model.njoints) if model.nvs[j] == 1 and model.nqs[j] == 1]
-    kind = rng.choice(kinds if single else kinds[:3], size=count)
+    kind = rng.choice(kinds if single else kinds[:4], size=count)
     sides, parts = np.zeros((count, 2), np.int64), rng.normal(size=(count, 2, 2, 3))
     parts[:, :, 1] = unit(rng, count, 2)
     for i in range(count):
@@ -23,6 +23,9 @@ def random_parts(rng, model, count):
             sides[i], parts[i, 0, 0, 0] = (model.idx_qs[joint], model.idx_vs[joint]), rng.choice([-1.0, 1.0])
         else:
             sides[i] = rng.permutation(model.njoints)[:2]
+        if kind[i] == FACE_RIM:
+            # an axis as long as the radius
+            parts[i, 1, 1] *= 0.1 + rng.random()
     if count > 1 and rng.random() < 0.4:
         kind[-1], sides[-1], parts[-1] = kind[0], sides[0], parts[0]
     return RowParts(kind, sides, parts)
@@ -183,7 +186,15 @@ def _state(rng):
 
 def _features(rng, count):
     parts, places = rng.normal(size=(count, 2, 2, 3)), rng.normal(size=(count, 2, 4, 3))
-    return rng.integers(0, 3, size=count), parts, places, np.full((count, 2, 3), np.nan)
+    kind = rng.choice([VERTEX_FACE, FACE_VERTEX, EDGES, FACE_RIM], size=count)
+    return kind, parts, places, np.full((count, 2, 3), np.nan)
+
+
+def _disc(rng):
+    n, axis = unit(rng), unit(rng)
+    # a disc that lies flat, and whose axis is one of the world's
+    axis = rng.choice([0.1, 2.0]) * (n if rng.random() < 0.2 else axis if rng.random() < 0.6 else np.eye(3)[0])
+    return n, axis, *rng.normal(size=(2, 6))
 
 
 def _touch(rng):
@@ -225,6 +236,8 @@ HELD_ROW_ARGUMENTS = {
     "write_soonest": _interpolated,
     "write_candidates": _may_close,
     "write_outside": _outside,
+    "lowest_of_rim": lambda rng: _disc(rng)[:2],
+    "rolling_bias": _disc,
     "touch": _touch,
     "touch_each": _touch_each,
     "turning_bias": _turning,

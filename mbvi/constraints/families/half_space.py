@@ -23,8 +23,8 @@ from ...geometry.shapes.shapes import HalfSpace, PlacedShape, graph_of
 from ...system import System
 from ...system.mechanisms.separation import row
 from ..family import RowTable
-from ..feature_kernels import FACE_VERTEX
-from ..mechanism.held_rows import UNKNOWN, RowParts
+from ..mechanism.held_rows import RowParts
+from ..mechanism.point_parts import parts_of_points
 from ..rows import Rows
 from .pairs import Array, Contacts, PairCandidates, Pairs
 
@@ -291,16 +291,8 @@ class HalfSpaceContacts(Pairs):
         return np.where(numbers[:, 3:12].any(axis=1), np.nan, np.vecdot(bias, numbers[:, 12:15]))
 
     def row_parts(self, rows: Array) -> RowParts:
-        """Return what some points are, for kernels: vertices on a face of the world, or centres of spheres.
-
-        A point on a rim or an ellipsoid is unknown to kernels.
-        """
-        numbers, parts = self._table.numbers[rows], np.zeros((len(rows), 2, 2, 3))
-        # the face of a sphere is moved by its radius
-        parts[:, 0, 0], parts[:, 0, 1] = numbers[:, 16:] * numbers[:, 12:15], numbers[:, 12:15]
-        parts[:, 1, 0] = numbers[:, :3]
-        sides = np.stack([np.zeros(len(rows), np.int64), self._second_body[self.owner[rows]]], axis=1)
-        return RowParts(np.where(numbers[:, 3:12].any(axis=1), UNKNOWN, FACE_VERTEX), sides, parts)
+        """Return what some points are, for kernels; see `parts_of_points`."""
+        return parts_of_points(self._table.numbers[rows], self._second_body[self.owner[rows]])
 
     def bearing(self, t: float, q: Array, points: Array) -> Array:
         """Return which of some points that touch `spread_below` keeps, shape (k,) of bool."""

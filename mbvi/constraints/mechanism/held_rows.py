@@ -12,7 +12,7 @@ from ...system.mechanisms.frames import cross_product
 from ...system.mechanisms.joint_tree import JointTree
 from ...system.mechanisms.mechanism import Mechanism
 from ...system.mechanisms.separation import row
-from ..feature_kernels import touch, turning_bias
+from ..feature_kernels import FACE_RIM, rolling_bias, touch, turning_bias
 
 Array = np.ndarray
 
@@ -178,6 +178,8 @@ def write_row(m: Mechanism, kind: int, sides: Array, parts: Array, room: RowRoom
             turn[3], turn[4], turn[5], s[0], s[1], s[2]
         )
     bias = (x - d) * n[0] + (y - e) * n[1] + (z - f) * n[2]
+    if kind == FACE_RIM:
+        bias += rolling_bias(n, along[1], m.tree.twist[first], m.tree.twist[second])
     return bias + turning_bias(kind, n, along, turning, u - a, v - b, w - c)
 
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from mbvi.constraints.feature_kernels import EDGES, VERTEX_FACE
+from mbvi.constraints.feature_kernels import EDGES, FACE_RIM, VERTEX_FACE
 from mbvi.constraints.mechanism.held_rows import LIMIT, force_margins, hold, write_gaps_of, write_held
 from mbvi.schemes.event_driven.stages import accelerate
 from mbvi.system.mechanisms.chart import joint_chart_rates
@@ -51,6 +51,10 @@ def _gap(model, row, q):
         for body, part in zip(sides, parts, strict=True)
     )
     normal = np.cross(d, e) / np.linalg.norm(np.cross(d, e)) if kind == EDGES else e if kind == VERTEX_FACE else d
+    if kind == FACE_RIM:
+        # the lowest point of the rim, from two directions within the disc
+        across = np.linalg.svd(e[None])[2][1:]
+        return normal @ (b - a) - np.linalg.norm(e) * np.linalg.norm(across @ normal)
     return normal @ (b - a)
 
 
