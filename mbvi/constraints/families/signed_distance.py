@@ -147,7 +147,9 @@ class SignedDistances(Pairs):
         if one is not None:
             return [one]
         contacts = self.measure(q, pair, tolerance)
-        found = [features.add(*shapes, *each) for each in zip(contacts.point, contacts.normal, strict=True)]
+        # the corners of the region that two shapes share lie on either side of the tolerance
+        near = contacts.gap <= max(tolerance, float(nearest.gap[0]))
+        found = [features.add(*shapes, *each) for each in zip(contacts.point[near], contacts.normal[near], strict=True)]
         return [] if None in found else [k for k in dict.fromkeys(found) if k is not None]
 
     def contacts_of_placed(self, q: Array, places: Array, tolerance: float) -> Rows | None:
