@@ -13,18 +13,17 @@ import numpy as np
 from ..geometry.shapes.shape_table import ShapeTable
 from ..geometry.shapes.shapes import PlacedShape
 from ..system import System
-from .feature_kernels import EDGES, FACE_VERTEX, VERTEX_FACE, add_turning_biases, touch_each, write_outside
+from .feature_bias import add_turning_biases
+from .feature_kernels import EDGES, FACE_VERTEX, VERTEX_FACE, touch_each, write_outside
 from .mechanism.held_rows import RowParts
+from .round_features import CROSS, LEVEL, NEAR, Features, ends_of, features_of_round, is_round
 from .rows import Array
 
 # lengths are relative to the bounding radius of the smaller shape
-# points this little below the outermost one belong to its face or edge; parts so near to others are the same; corners
-# of a region that two faces share are so near to vertices and edges
-_LEVEL, _SAME, _NEAR = 1e-11, 1e-8, 1e-6
+# parts so near to others are the same
+_SAME = 1e-8
 # vertices so far beside the other shape do not touch it
 _OFF = 1e-13
-# sine of the angle of two edges above which they cross
-_CROSS = 1e-6
 
 
 def is_polyhedron(placed: PlacedShape) -> bool:
@@ -73,6 +72,8 @@ class FeatureRows:
         # of each row a point and a direction on either body, in the body's frame: of a vertex the point, of a face a
         # point and the normal from the first shape to the second, of an edge a point and its direction
         self._parts = np.zeros((0, 2, 2, 3))
+        # of each row what surfaces lie outside its features, and where its contact point is on the polyhedron
+        self._radius, self._shift = np.zeros(0), np.zeros(0)
         # faces of shapes in frames of bodies; where those of both shapes of each row begin and end, and of each shape
         self._planes, self._faces = np.zeros((0, 4)), np.zeros((0, 2, 2), np.int64)
         self._known: dict[int, tuple[int, int]] = {}
@@ -98,20 +99,23 @@ class FeatureRows:
         bodies = np.array([shape.body for shape in shapes])
         for shape in shapes:
             if id(shape) not in self._known:
-                begin, self._planes = len(self._planes), np.vstack([self._planes, _faces(shape)])
+                planes = ends_of(shape) if is_round(shape) else _faces(shape)
+                begin, self._planes = len(self._planes), np.vstack([self._planes, planes])
                 self._known[id(shape)] = begin, len(self._planes)
         ranges = [self._known[id(shape)] for shape in shapes]
         faces = [self._planes[begin:end] for begin, end in ranges]
-        found = _features(shapes, faces, self._places(q, bodies), float(table.bound[sides].min()), point, normal, alone)
+        features = features_of_round if any(map(is_round, shapes)) else _features
+        found = features(shapes, faces, self._places(q, bodies), float(table.bound[sides].min()), point, normal, alone)
         if found is None:
             return None
-        kind, parts = found
-        same = (self._kind == kind) & (self._bodies == bodies).all(axis=1)
+        kind, parts, radius, shift = found
+        same = (self._kind == kind) & (self._bodies == bodies).all(axis=1) & (self._radius == radius)
         same &= (np.abs(self._parts - parts) <= _SAME).all(axis=(1, 2, 3))
         if same.any():
             return int(same.argmax())
         self._kind, self._bodies = np.append(self._kind, kind), np.vstack([self._bodies, bodies])
         self._parts = np.concatenate([self._parts, parts[None]])
+        self._radius, self._shift = np.append(self._radius, radius), np.append(self._shift, shift)
         self._faces = np.concatenate([self._faces, np.array([ranges])])
         return len(self._kind) - 1
 
@@ -135,14 +139,18 @@ class FeatureRows:
         bodies, kind = self._bodies[rows], self._kind[rows]
         places, parts = self._places(q, bodies.ravel()).reshape(-1, 2, 4, 3), self._parts[rows]
         along, gap, (point, normal) = np.empty((len(rows), 2, 3)), np.empty(len(rows)), np.empty((2, len(rows), 3))
-        touch_each(kind, parts, places, along, gap, point, normal)
+        touch_each(kind, parts, self._radius[rows], places, along, gap, point, normal)
         return _Touching(bodies, kind, places, along, gap, point, normal)
 
     def outside(self, q: Array, rows: Array) -> Array:
         """Return how far the contact points of some rows are outside the shapes, beyond their gaps, shape (k,) [m]."""
         at, found = self._at(q, rows), np.empty(len(rows))
-        write_outside(at.kind, at.places, at.gap, at.point, self._planes, self._faces[rows], found)
+        write_outside(at.kind, at.places, at.gap, self._on_surfaces(at, rows), self._planes, self._faces[rows], found)
         return found
+
+    def _on_surfaces(self, at: _Touching, rows: Array) -> Array:
+        """Return the contact points of some rows on the surfaces, shape (k, 3)."""
+        return np.asarray(at.point + self._shift[rows, None] * at.normal)
 
     def row_gap(self, t: float, q: Array, rows: Array) -> Array:
         """Return the gaps of some rows, shape (k,) [m]."""
@@ -159,27 +167,30 @@ class FeatureRows:
     def row_bias(self, t: float, q: Array, v: Array, rows: Array) -> Array:
         """Return (dJ/dt) v of some rows where they touch, shape (k,)."""
         at, k = self._at(q, rows), len(rows)
-        # the velocities of either body at the contact point, and at that point moved by `along`
-        points = np.stack([at.point[:, None] + np.zeros((k, 2, 3)), at.point[:, None] + at.along], axis=2)
-        many, bodies = np.repeat(points.reshape(-1, 3), 3, axis=0), np.repeat(at.bodies.ravel(), 6)
-        axes = np.tile(np.eye(3), (4 * k, 1))
-        moved = (self._system.separation_rows(q, np.zeros_like(bodies), bodies, many, axes) @ v).reshape(k, 2, 2, 3)
-        sliding, turning = moved[:, 1, 0] - moved[:, 0, 0], moved[:, :, 1] - moved[:, :, 0]
+        # the velocities of either body at the contact point, and at that point moved by `along` and by the normal
+        ways = np.stack([np.zeros((k, 2, 3)), at.along, np.repeat(at.normal[:, None], 2, axis=1)], axis=2)
+        points = at.point[:, None, None] + ways
+        many, bodies = np.repeat(points.reshape(-1, 3), 3, axis=0), np.repeat(at.bodies.ravel(), 9)
+        axes = np.tile(np.eye(3), (6 * k, 1))
+        moved = (self._system.separation_rows(q, np.zeros_like(bodies), bodies, many, axes) @ v).reshape(k, 2, 3, 3)
+        sliding = moved[:, 1, 0] - moved[:, 0, 0]
+        turning, across = (np.ascontiguousarray(moved[:, :, way] - moved[:, :, 0]) for way in (1, 2))
         own = ((at.point[:, None] - at.places[:, :, 3])[:, :, None, :] @ at.places[:, :, :3].swapaxes(2, 3))[:, :, 0]
         bias, moving = np.zeros((2 * k, 3)), at.bodies.ravel() > 0
         bias[moving] = self._system.point_bias(q, v, at.bodies.ravel()[moving], own.reshape(-1, 3)[moving])
         change = np.vecdot(bias[1::2] - bias[::2], at.normal)
-        add_turning_biases(at.kind, at.normal, at.along, np.ascontiguousarray(turning), sliding, change)
+        radius = self._radius[rows]
+        add_turning_biases(at.kind, radius, at.normal, at.along, turning, across, sliding, change)
         return change
 
     def row_parts(self, rows: Array) -> RowParts:
         """Return what some rows are, for kernels."""
-        return RowParts(self._kind[rows], self._bodies[rows], self._parts[rows])
+        return RowParts(self._kind[rows], self._bodies[rows], self._parts[rows], self._radius[rows])
 
     def row_points(self, t: float, q: Array, rows: Array) -> tuple[Array, Array]:
         """Return contact points and normals of some rows, shapes (k, 3)."""
         at = self._at(q, rows)
-        return at.point, at.normal
+        return self._on_surfaces(at, rows), at.normal
 
     def bearing(self, t: float, q: Array, rows: Array) -> Array:
         """Return True for each row: of a face on a face few corners were found."""
@@ -197,17 +208,17 @@ def _features(
     point: Array,
     normal: Array,
     alone: bool,
-) -> tuple[int, Array] | None:
-    """Return which features of two polyhedra touch at a point, and their parts; see `FeatureRows`."""
+) -> Features | None:
+    """Return which features of two polyhedra touch at a point; see `FeatureRows`."""
     inside, level, near = [], [], []
     for shape, place, sign in zip(shapes, places, (1.0, -1.0), strict=True):
         own = shape.shape.support_points()[0] @ shape.rotation.T + shape.position
         world = own @ place[:3] + place[3]
         height = sign * (world @ normal)
-        level.append(np.flatnonzero(height >= height.max() - _LEVEL * bound))
+        level.append(np.flatnonzero(height >= height.max() - LEVEL * bound))
         distance = np.linalg.norm(world[level[-1]] - point, axis=1)
         one = len(level[-1]) == 1
-        near.append(level[-1][distance.argmin()] if one or distance.min() <= _NEAR * bound else None)
+        near.append(level[-1][distance.argmin()] if one or distance.min() <= NEAR * bound else None)
         inside.append((own, world))
     (own_a, world_a), (own_b, world_b) = inside
     sizes, edges = [len(each) for each in level], None
@@ -227,13 +238,13 @@ def _features(
     if edges is not None:
         (i, j), (k, m) = edges
         d, e = (own_a[j] - own_a[i]) / np.linalg.norm(own_a[j] - own_a[i]), own_b[m] - own_b[k]
-        return EDGES, np.array([[own_a[i], d], [own_b[k], e / np.linalg.norm(e)]])
+        return Features(EDGES, np.array([[own_a[i], d], [own_b[k], e / np.linalg.norm(e)]]))
     if alone and min(sizes) > 1:
         return None
     if a is not None and (b is None or sizes[1] > 2 or sizes[0] < 3):
-        return VERTEX_FACE, np.array([[own_a[a], nothing], [own_b[level[1][0]], places[1, :3] @ normal]])
+        return Features(VERTEX_FACE, np.array([[own_a[a], nothing], [own_b[level[1][0]], places[1, :3] @ normal]]))
     if b is not None:
-        return FACE_VERTEX, np.array([[own_a[level[0][0]], places[0, :3] @ normal], [own_b[b], nothing]])
+        return Features(FACE_VERTEX, np.array([[own_a[level[0][0]], places[0, :3] @ normal], [own_b[b], nothing]]))
     return None
 
 
@@ -245,7 +256,7 @@ def _crossing(
         for k, m in _edges_through(second, level[1], point, normal, bound):
             d, e = first[j] - first[i], second[m] - second[k]
             turn = float(np.cross(d, e) @ normal)
-            if abs(turn) > _CROSS * np.linalg.norm(d) * np.linalg.norm(e):
+            if abs(turn) > CROSS * np.linalg.norm(d) * np.linalg.norm(e):
                 return (i, j), (k, m) if turn > 0.0 else (m, k)
     return None
 
@@ -259,9 +270,9 @@ def _edges_through(points: Array, level: Array, place: Array, normal: Array, bou
             size = float(np.linalg.norm(d))
             # the place is on the segment, and all other points are on one side of it
             side = np.cross(normal, d / max(size, _SAME * bound)) @ own.T
-            one_side = side.max() <= _NEAR * bound or side.min() >= -_NEAR * bound
-            slack = _NEAR * bound * size
-            on = abs(side[i]) <= _NEAR * bound and own[i] @ d <= slack and own[j] @ d >= -slack
+            one_side = side.max() <= NEAR * bound or side.min() >= -NEAR * bound
+            slack = NEAR * bound * size
+            on = abs(side[i]) <= NEAR * bound and own[i] @ d <= slack and own[j] @ d >= -slack
             if size > _SAME * bound and (len(level) == 2 or (on and one_side)):
                 found.append((int(level[i]), int(level[j])))
     return found

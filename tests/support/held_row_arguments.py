@@ -2,19 +2,30 @@
 
 import numpy as np
 
-from mbvi.constraints.feature_kernels import EDGES, FACE_RIM, FACE_VERTEX, VERTEX_FACE
+from mbvi.constraints.feature_kernels import (
+    EDGES,
+    FACE_RIM,
+    FACE_VERTEX,
+    LINE_VERTEX,
+    POINTS,
+    RIM_FACE,
+    VERTEX_FACE,
+    VERTEX_LINE,
+)
 from mbvi.constraints.mechanism.held_rows import LIMIT, RowParts, held_rows_of, hold, row_room, write_held
 from mbvi.schemes.event_driven.runge_kutta import DEGREE
 from mbvi.schemes.event_driven.stages import accelerate, smooth_motion
 from support.joint_tree_arguments import moved_model, tree_of
 from support.robot_arguments import moving_robot, unit
 
+FEATURES = [VERTEX_FACE, FACE_VERTEX, EDGES, FACE_RIM, RIM_FACE, LINE_VERTEX, VERTEX_LINE, POINTS]
+
 
 def random_parts(rng, model, count):
     """Features of two bodies each, and limits of joints with one velocity; one row may be there twice."""
-    kinds = np.array([VERTEX_FACE, FACE_VERTEX, EDGES, FACE_RIM, LIMIT])
+    kinds = np.array([*FEATURES, LIMIT])
     single = [j for j in range(1, model.njoints) if model.nvs[j] == 1 and model.nqs[j] == 1]
-    kind = rng.choice(kinds if single else kinds[:4], size=count)
+    kind = rng.choice(kinds if single else kinds[:-1], size=count)
     sides, parts = np.zeros((count, 2), np.int64), rng.normal(size=(count, 2, 2, 3))
     parts[:, :, 1] = unit(rng, count, 2)
     for i in range(count):
@@ -23,12 +34,15 @@ def random_parts(rng, model, count):
             sides[i], parts[i, 0, 0, 0] = (model.idx_qs[joint], model.idx_vs[joint]), rng.choice([-1.0, 1.0])
         else:
             sides[i] = rng.permutation(model.njoints)[:2]
-        if kind[i] == FACE_RIM:
+        if kind[i] in (FACE_RIM, RIM_FACE):
             # an axis as long as the radius
-            parts[i, 1, 1] *= 0.1 + rng.random()
+            parts[i, 1 if kind[i] == FACE_RIM else 0, 1] *= 0.1 + rng.random()
+    radius = np.where(rng.random(count) < 0.5, 0.0, 0.1 + rng.random(count))
+    radius[kind >= LINE_VERTEX] += 0.1
+    radius[kind == LIMIT] = 0.0
     if count > 1 and rng.random() < 0.4:
-        kind[-1], sides[-1], parts[-1] = kind[0], sides[0], parts[0]
-    return RowParts(kind, sides, parts)
+        kind[-1], sides[-1], parts[-1], radius[-1] = kind[0], sides[0], parts[0], radius[0]
+    return RowParts(kind, sides, parts, radius)
 
 
 def moving(rng):
@@ -106,7 +120,8 @@ def _biases_at(rng):
 def _one_row(rng):
     system, motion, _, q, v = _accelerated(rng)
     parts = random_parts(rng, system.model, 1)
-    return motion.mechanism, int(parts.kind[0]), parts.sides[0], parts.parts[0], q, row_room(), np.full(len(v), np.nan)
+    one = int(parts.kind[0]), parts.sides[0], parts.parts[0], float(parts.radius[0])
+    return motion.mechanism, *one, q, row_room(), np.full(len(v), np.nan)
 
 
 def _drifted(rng):
@@ -186,35 +201,47 @@ def _state(rng):
 
 def _features(rng, count):
     parts, places = rng.normal(size=(count, 2, 2, 3)), rng.normal(size=(count, 2, 4, 3))
-    kind = rng.choice([VERTEX_FACE, FACE_VERTEX, EDGES, FACE_RIM], size=count)
-    return kind, parts, places, np.full((count, 2, 3), np.nan)
+    return rng.choice(FEATURES, size=count), parts, places, np.full((count, 2, 3), np.nan)
 
 
 def _disc(rng):
     n, axis = unit(rng), unit(rng)
     # a disc that lies flat, and whose axis is one of the world's
     axis = rng.choice([0.1, 2.0]) * (n if rng.random() < 0.2 else axis if rng.random() < 0.6 else np.eye(3)[0])
-    return n, axis, *rng.normal(size=(2, 6))
+    return n, axis
+
+
+def _rolling(rng):
+    (n, axis), disc, (along, turning, across) = _disc(rng), int(rng.integers(2)), rng.normal(size=(3, 2, 3))
+    along[disc] = axis
+    return disc, n, along, turning, across
 
 
 def _touch(rng):
     kind, parts, places, along = _features(rng, 1)
-    return int(kind[0]), parts[0], places[0, 0].copy(), places[0, 1].copy(), along[0], *np.full((2, 3), np.nan)
+    both = places[0, 0].copy(), places[0, 1].copy()
+    return int(kind[0]), parts[0], rng.random(), *both, along[0], *np.full((2, 3), np.nan)
 
 
 def _touch_each(rng):
     kind, parts, places, along = _features(rng, 4)
-    return kind, parts, places, along, np.full(4, np.nan), *np.full((2, 4, 3), np.nan)
+    return kind, parts, rng.random(4), places, along, np.full(4, np.nan), *np.full((2, 4, 3), np.nan)
 
 
 def _turning(rng):
-    kind, n, (along, turning) = int(rng.integers(0, 3)), unit(rng), rng.normal(size=(2, 2, 3))
-    return kind, n, along, turning, *rng.normal(size=3).tolist()
+    return int(rng.choice(FEATURES)), rng.random(), unit(rng), *rng.normal(size=(3, 2, 3)), *rng.normal(size=3).tolist()
 
 
 def _turning_each(rng):
-    along, turning = rng.normal(size=(2, 3, 2, 3))
-    return rng.integers(0, 3, size=3), unit(rng, 3), along, turning, rng.normal(size=(3, 3)), rng.normal(size=3)
+    turning = rng.normal(size=(3, 3, 2, 3))
+    return (
+        rng.choice(FEATURES, size=3),
+        rng.random(3),
+        unit(rng, 3),
+        *turning,
+        rng.normal(size=(3, 3)),
+        rng.normal(size=3),
+    )
 
 
 def _rates(rng):
@@ -228,7 +255,7 @@ HELD_ROW_ARGUMENTS = {
     "gradients_at": _gradients_at,
     "biases_at": _biases_at,
     "evaluate_row": _one_row,
-    "write_row": lambda rng: (lambda m, kind, sides, parts, _, *rest: (m, kind, sides, parts, *rest))(*_one_row(rng)),
+    "write_row": lambda rng: (*(made := _one_row(rng))[:5], *made[6:]),
     "remove_drift_of": _drifted,
     "write_errors": _errors,
     "largest_error": _error,
@@ -236,8 +263,10 @@ HELD_ROW_ARGUMENTS = {
     "write_soonest": _interpolated,
     "write_candidates": _may_close,
     "write_outside": _outside,
-    "lowest_of_rim": lambda rng: _disc(rng)[:2],
-    "rolling_bias": _disc,
+    "lowest_of_rim": _disc,
+    "rolling_bias": _rolling,
+    "along_vector": lambda rng: (rng.normal(size=(2, 3)), int(rng.integers(2)), *rng.normal(size=3).tolist()),
+    "edges_bias": lambda rng: _turning(rng)[1:],
     "touch": _touch,
     "touch_each": _touch_each,
     "turning_bias": _turning,

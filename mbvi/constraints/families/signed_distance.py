@@ -19,6 +19,7 @@ from ...system import System
 from ..family import RowTable
 from ..mechanism.pairs import AS_THEY_ARE, LEFT_TO_PYTHON, MOST_CONTACTS, ROUNDED, PairShapes
 from ..pair_features import FeatureRows, is_polyhedron
+from ..round_features import is_round
 from ..rows import Rows
 from .pairs import Array, Contacts, Pairs
 
@@ -132,7 +133,9 @@ class SignedDistances(Pairs):
         flat, ball = np.array([[is_polyhedron(s), isinstance(s.shape, Sphere)] for s in self._shapes.placed]).T
         # the nearest point of a convex body to the centre of a ball moves without jumps
         smooth = self.smooth | (ball[first] & (flat | ball)[second]) | (flat[first] & ball[second])
-        featured = flat[first] & flat[second] & (not self._planar)
+        rounded = np.array([is_round(s) for s in self._shapes.placed])
+        featured = (flat[first] | rounded[first]) & (flat[second] | rounded[second]) & ~smooth & (not self._planar)
+        featured &= flat[first] | flat[second]
         if self._fixed is not None:
             # rows of a union begin and end where those of its parts do not
             beside = (np.diff(self._shapes.seams.first_neighbour) > 0)[self._sides].any(axis=1)

@@ -12,7 +12,8 @@ from ...system.mechanisms.frames import cross_product
 from ...system.mechanisms.joint_tree import JointTree
 from ...system.mechanisms.mechanism import Mechanism
 from ...system.mechanisms.separation import row
-from ..feature_kernels import FACE_RIM, rolling_bias, touch, turning_bias
+from ..feature_bias import turning_bias
+from ..feature_kernels import touch
 
 Array = np.ndarray
 
@@ -24,7 +25,7 @@ DEPENDENT = 1e-5
 _DENORMAL = 1e-290
 
 
-@record("i8[::1], i8[:,::1], f8[:,:,:,::1]")
+@record("i8[::1], i8[:,::1], f8[:,:,:,::1], f8[::1]")
 class RowParts(NamedTuple):
     """What k rows are.
 
@@ -36,46 +37,50 @@ class RowParts(NamedTuple):
         Both bodies; of a limit where the joint stands in q and in v.
     parts : ndarray, shape (k, 2, 2, 3)
         See `FeatureRows`; of a limit the first numbers are the sign and the offset of its gap.
+    radius : ndarray, shape (k,)
+        See `touch`.
     """
 
     kind: Array
     sides: Array
     parts: Array
+    radius: Array
 
 
-@record("f8[:,::1], f8[:,::1], f8[::1], f8[::1]")
+@record("f8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1]")
 class RowRoom(NamedTuple):
     """Room for the evaluation of one row after the other.
 
     Attributes
     ----------
-    along, turning : ndarray, shape (2, 3)
-        Directions of the features that were evaluated last, and their rates.
+    along, turning, across : ndarray, shape (2, 3)
+        Directions of the features that were evaluated last, and rates; see `turning_bias`.
     point, normal : ndarray, shape (3,)
         Where they touch.
     """
 
     along: Array
     turning: Array
+    across: Array
     point: Array
     normal: Array
 
 
 def row_room() -> RowRoom:
     """Return room."""
-    return RowRoom(*np.zeros((2, 2, 3)), *np.zeros((2, 3)))
+    return RowRoom(*np.zeros((3, 2, 3)), *np.zeros((2, 3)))
 
 
 @record(
-    "i8[::1], i8[:,::1], f8[:,:,:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1],"
-    " f8[::1], RowRoom"
+    "i8[::1], i8[:,::1], f8[:,:,:,::1], f8[::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1],"
+    " f8[::1], f8[::1], RowRoom"
 )
 class HeldRows(NamedTuple):
     """Rows that stay closed, k of them, with room for results; for one thread at a time.
 
     Attributes
     ----------
-    kind, sides, parts
+    kind, sides, parts, radius
         See `RowParts`.
     rows : ndarray, shape (nv + k, nv)
         Gradients, behind rows that are not used: what `span_equalities` takes.
@@ -92,6 +97,7 @@ class HeldRows(NamedTuple):
     kind: Array
     sides: Array
     parts: Array
+    radius: Array
     rows: Array
     L: Array
     R: Array
@@ -113,7 +119,8 @@ def held_rows_of(parts: RowParts, nv: int) -> HeldRows:
 
 def unknown_parts(count: int) -> RowParts:
     """Return what some rows are of which kernels know nothing."""
-    return RowParts(np.full(count, UNKNOWN), np.zeros((count, 2), np.int64), np.zeros((count, 2, 2, 3)))
+    sides, parts = np.zeros((count, 2), np.int64), np.zeros((count, 2, 2, 3))
+    return RowParts(np.full(count, UNKNOWN), sides, parts, np.zeros(count))
 
 
 @kernel("void(Mechanism, RowParts, i8[::1], f8[::1], f8[::1])")
@@ -126,7 +133,8 @@ def write_gaps_of(m: Mechanism, rows: RowParts, index: Array, q: Array, gap: Arr
         if rows.kind[r] == LIMIT:
             gap[i] = part[0, 0, 0] * q[first] + part[0, 0, 1]
         else:
-            gap[i] = touch(rows.kind[r], part, m.poses[first], m.poses[second], along, both[0], both[1])
+            places = m.poses[first], m.poses[second]
+            gap[i] = touch(rows.kind[r], part, rows.radius[r], places[0], places[1], along, both[0], both[1])
 
 
 @kernel("UniTuple(f8, 6)(JointTree, i8, f8[::1])")
@@ -144,9 +152,9 @@ def point_motion(tree: JointTree, body: int, point: Array) -> tuple[float, float
     return u, v, w, A[0] + g[0] + d + a, A[1] + g[1] + e + b, A[2] + g[2] + f + c
 
 
-@kernel("f8(Mechanism, i8, i8[::1], f8[:,:,::1], f8[::1], RowRoom, f8[::1])")
+@kernel("f8(Mechanism, i8, i8[::1], f8[:,:,::1], f8, f8[::1], RowRoom, f8[::1])")
 def evaluate_row(
-    m: Mechanism, kind: int, sides: Array, parts: Array, q: Array, room: RowRoom, J: Array
+    m: Mechanism, kind: int, sides: Array, parts: Array, radius: float, q: Array, room: RowRoom, J: Array
 ) -> float:  # fmt: skip
     """Write the gradient of a row, shape (nv,), at q, where the mechanism is placed; return its gap."""
     first, second = sides[0], sides[1]
@@ -155,32 +163,33 @@ def evaluate_row(
             J[k] = 0.0
         J[second] = parts[0, 0, 0]
         return parts[0, 0, 0] * q[first] + parts[0, 0, 1]
-    gap = touch(kind, parts, m.poses[first], m.poses[second], room.along, room.point, room.normal)
+    gap = touch(kind, parts, radius, m.poses[first], m.poses[second], room.along, room.point, room.normal)
     row(m.columns, m.support[first], m.support[second], room.point, room.normal, J)
     return gap
 
 
-@kernel("f8(Mechanism, i8, i8[::1], f8[:,:,::1], RowRoom, f8[::1])")
-def write_row(m: Mechanism, kind: int, sides: Array, parts: Array, room: RowRoom, J: Array) -> float:
+@kernel("f8(Mechanism, i8, i8[::1], f8[:,:,::1], f8, RowRoom, f8[::1])")
+def write_row(
+    m: Mechanism, kind: int, sides: Array, parts: Array, radius: float, room: RowRoom, J: Array
+) -> float:  # fmt: skip
     """Write the gradient of a row, shape (nv,), and return (dJ/dt) v.
 
     The mechanism is weighed and its nonlinear effects are evaluated.
     """
-    evaluate_row(m, kind, sides, parts, m.placed, room, J)
+    evaluate_row(m, kind, sides, parts, radius, m.placed, room, J)
     if kind == LIMIT:
         return 0.0
     first, second, n, along, turning = sides[0], sides[1], room.normal, room.along, room.turning
     a, b, c, d, e, f = point_motion(m.tree, first, room.point)
     u, v, w, x, y, z = point_motion(m.tree, second, room.point)
     for side in range(2):
-        turn, s = m.tree.twist[first if side == 0 else second], along[side]
+        turn, s, r = m.tree.twist[first if side == 0 else second], along[side], room.across[side]
         turning[side, 0], turning[side, 1], turning[side, 2] = cross_product(
             turn[3], turn[4], turn[5], s[0], s[1], s[2]
         )
+        r[0], r[1], r[2] = cross_product(turn[3], turn[4], turn[5], n[0], n[1], n[2])
     bias = (x - d) * n[0] + (y - e) * n[1] + (z - f) * n[2]
-    if kind == FACE_RIM:
-        bias += rolling_bias(n, along[1], m.tree.twist[first], m.tree.twist[second])
-    return bias + turning_bias(kind, n, along, turning, u - a, v - b, w - c)
+    return bias + turning_bias(kind, radius, n, along, turning, room.across, u - a, v - b, w - c)
 
 
 @kernel("void(Mechanism, HeldRows)")
@@ -188,7 +197,8 @@ def write_held(m: Mechanism, held: HeldRows) -> None:
     """Write gradients and `wanted` where the mechanism is weighed and its nonlinear effects are evaluated."""
     nv = len(m.parent)
     for i in range(len(held.kind)):
-        held.wanted[i] = -write_row(m, held.kind[i], held.sides[i], held.parts[i], held.room, held.rows[nv + i])
+        J = held.rows[nv + i]
+        held.wanted[i] = -write_row(m, held.kind[i], held.sides[i], held.parts[i], held.radius[i], held.room, J)
 
 
 @kernel("void(Mechanism, HeldRows, f8[::1], f8[::1])")

@@ -197,7 +197,7 @@ def remove_drift_of(s: SmoothMotion, held: HeldRows, q: Array, v: Array, gap: Ar
         factor_mass(m.mass, 0.0, m.damping, m.parent, L)
         for i in range(len(gap)):
             J, rate = held.rows[nv + i], 0.0
-            missing = evaluate_row(m, held.kind[i], held.sides[i], held.parts[i], q, held.room, J)
+            missing = evaluate_row(m, held.kind[i], held.sides[i], held.parts[i], held.radius[i], q, held.room, J)
             for k in range(nv):
                 rate += J[k] * v[k]
             held.part[i] = missing if turn < 2 else rate

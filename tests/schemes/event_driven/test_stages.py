@@ -6,7 +6,15 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from mbvi.constraints.feature_kernels import EDGES, FACE_RIM, VERTEX_FACE
+from mbvi.constraints.feature_kernels import (
+    EDGES,
+    FACE_RIM,
+    LINE_VERTEX,
+    POINTS,
+    RIM_FACE,
+    VERTEX_FACE,
+    VERTEX_LINE,
+)
 from mbvi.constraints.mechanism.held_rows import LIMIT, force_margins, hold, write_gaps_of, write_held
 from mbvi.schemes.event_driven.stages import accelerate
 from mbvi.system.mechanisms.chart import joint_chart_rates
@@ -41,7 +49,7 @@ def test_accelerations_without_contact_forces(rng):
 
 def _gap(model, row, q):
     """The gap of one row, from Pinocchio's placements."""
-    kind, sides, parts = row
+    kind, sides, parts, radius = row
     if kind == LIMIT:
         return parts[0, 0, 0] * q[sides[0]] + parts[0, 0, 1]
     data = model.createData()
@@ -50,33 +58,44 @@ def _gap(model, row, q):
         (data.oMi[int(body)].act(part[0]), data.oMi[int(body)].rotation @ part[1])
         for body, part in zip(sides, parts, strict=True)
     )
-    normal = np.cross(d, e) / np.linalg.norm(np.cross(d, e)) if kind == EDGES else e if kind == VERTEX_FACE else d
-    if kind == FACE_RIM:
+    if kind in (LINE_VERTEX, VERTEX_LINE, POINTS):
+        axis = {LINE_VERTEX: d, VERTEX_LINE: e, POINTS: np.zeros(3)}[kind]
+        return np.linalg.norm(b - a - ((b - a) @ axis) * axis) - radius
+    if kind == EDGES:
+        return np.cross(d, e) / np.linalg.norm(np.cross(d, e)) @ (b - a) - radius
+    normal, axis = (e, d) if kind in (VERTEX_FACE, RIM_FACE) else (d, e)
+    rim = 0.0
+    if kind in (FACE_RIM, RIM_FACE):
         # the lowest point of the rim, from two directions within the disc
-        across = np.linalg.svd(e[None])[2][1:]
-        return normal @ (b - a) - np.linalg.norm(e) * np.linalg.norm(across @ normal)
-    return normal @ (b - a)
+        across = np.linalg.svd(axis[None])[2][1:]
+        rim = np.linalg.norm(axis) * np.linalg.norm(across @ normal)
+    return normal @ (b - a) - rim - radius
 
 
 def _let_touch(model, rows, q):
     """Move the features of the second bodies along normals to where the gaps are zero, as those of closed rows are."""
     data = model.createData()
     pin.forwardKinematics(model, data, q)
-    for kind, sides, parts in zip(rows.kind, rows.sides, rows.parts, strict=True):
+    for kind, sides, parts, radius in zip(rows.kind, rows.sides, rows.parts, rows.radius, strict=True):
         if kind == LIMIT:
             continue
         turned = data.oMi[int(sides[1])].rotation
-        gap, moved = _gap(model, (kind, sides, parts), q), parts[1, 0].copy()
-        # the gap is linear in the point: its slope along each axis is the normal
-        normal = np.array([_slope(model, kind, sides, parts, q, axis) for axis in np.eye(3)])
-        assert np.linalg.norm(turned @ normal) == pytest.approx(1.0)
-        parts[1, 0] = moved - gap * normal
+        for _ in range(3):
+            # along the slope of the gap, which is the normal, the gap is linear
+            gap, moved = _gap(model, (kind, sides, parts, radius), q), parts[1, 0].copy()
+            normal = np.array([_slope(model, (kind, sides, parts, radius), q, axis) for axis in np.eye(3)])
+            assert np.linalg.norm(turned @ normal) == pytest.approx(1.0)
+            parts[1, 0] = moved - gap * normal
 
 
-def _slope(model, kind, sides, parts, q, axis):
-    other = parts.copy()
-    other[1, 0] += axis
-    return _gap(model, (kind, sides, other), q) - _gap(model, (kind, sides, parts), q)
+def _slope(model, row, q, axis):
+    kind, sides, parts, radius = row
+    gaps = []
+    for k in (-2, -1, 1, 2):
+        other = parts.copy()
+        other[1, 0] += 1e-3 * k * axis
+        gaps.append(_gap(model, (kind, sides, other, radius), q))
+    return (gaps[0] - 8 * gaps[1] + 8 * gaps[2] - gaps[3]) / 12e-3
 
 
 @given(seeds)
@@ -89,9 +108,9 @@ def test_gaps_and_their_first_two_derivatives(rng):
     write_held(motion.mechanism, rows)
     gap, index = np.empty(len(rows.kind)), np.arange(len(rows.kind))
     write_gaps_of(motion.mechanism, random_parts(rng, system.model, 0)._replace(
-        kind=rows.kind, sides=rows.sides, parts=rows.parts), index, q, gap)  # fmt: skip
-    s = 1e-3 / np.linalg.norm(v)
-    for i, row in enumerate(zip(rows.kind, rows.sides, rows.parts, strict=True)):
+        kind=rows.kind, sides=rows.sides, parts=rows.parts, radius=rows.radius), index, q, gap)  # fmt: skip
+    s = 3e-4 / np.linalg.norm(v)
+    for i, row in enumerate(zip(rows.kind, rows.sides, rows.parts, rows.radius, strict=True)):
         before, last, here, after, next_ = (
             _gap(system.model, row, pin.integrate(system.model, q, k * s * v)) for k in (-2, -1, 0, 1, 2)
         )

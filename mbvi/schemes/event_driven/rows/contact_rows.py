@@ -275,7 +275,7 @@ class SmoothRows:
 
         The rows ascend. Points are in frames of bodies, NaN for other rows; a limit of a joint has the body 0.
         """
-        kind, sides, parts = self.parts(index)
+        kind, sides, parts, _ = self.parts(index)
         table = np.column_stack([sides[:, 1], parts[:, 1, 0], parts[:, 0, 1]])
         table[(kind != FACE_VERTEX) | (sides[:, 0] != 0)] = np.nan
         table[kind == LIMIT] = 0.0

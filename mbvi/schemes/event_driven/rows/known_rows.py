@@ -33,7 +33,7 @@ def gradients_at(m: Mechanism, rows: RowParts, room: RowRoom, index: Array, q: A
     place(m, q)
     for i in range(len(index)):
         r = index[i]
-        evaluate_row(m, rows.kind[r], rows.sides[r], rows.parts[r], q, room, J[i])
+        evaluate_row(m, rows.kind[r], rows.sides[r], rows.parts[r], rows.radius[r], q, room, J[i])
 
 
 @kernel("void(Mechanism, RowParts, RowRoom, i8[::1], f8[::1], f8[::1], f8[:,::1], f8[::1])")
@@ -45,7 +45,7 @@ def biases_at(
     evaluate_nonlinear_effects(m, q, v)
     for i in range(len(index)):
         r = index[i]
-        bias[i] = write_row(m, rows.kind[r], rows.sides[r], rows.parts[r], room, J[i])
+        bias[i] = write_row(m, rows.kind[r], rows.sides[r], rows.parts[r], rows.radius[r], room, J[i])
 
 
 class KnownRows:

@@ -1,0 +1,213 @@
+"""Which features of a polyhedron and a capsule or cylinder touch."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..geometry.shapes.shapes import Capsule, Cylinder, PlacedShape
+from .feature_kernels import EDGES, FACE_RIM, FACE_VERTEX, LINE_VERTEX, POINTS, RIM_FACE, VERTEX_FACE, VERTEX_LINE
+from .rows import Array
+
+# lengths are relative to the bounding radius of the smaller shape
+# points this little below the outermost one belong to its face or edge; corners of a region that two faces share are so
+# near to vertices and edges
+LEVEL, NEAR = 1e-11, 1e-6
+# sine of the angle of two edges above which they cross
+CROSS = 1e-6
+# sine of the angle between an axis and a direction along which it counts as parallel or at right angles; and one less
+# the cosine of the angle between normals of the same face
+_STRAIGHT, _SAME_FACE = 1e-7, 1e-9
+
+
+class Features(NamedTuple):
+    """Features that touch.
+
+    Attributes
+    ----------
+    kind : int
+        Which features.
+    parts : ndarray, shape (2, 2, 3)
+        See `FeatureRows`.
+    radius : float
+        See `touch`.
+    shift : float
+        How far along the normal the contact point on the surface of the polyhedron lies from that of `touch` [m].
+    """
+
+    kind: int
+    parts: Array
+    radius: float = 0.0
+    shift: float = 0.0
+
+
+def is_round(placed: PlacedShape) -> bool:
+    """Return whether a shape is a capsule or a cylinder."""
+    return isinstance(placed.shape, Capsule | Cylinder)
+
+
+def ends_of(placed: PlacedShape) -> Array:
+    """Return the planes at both ends of the axis of a capsule or a cylinder, shape (2, 4); see `write_outside`."""
+    assert isinstance(placed.shape, Capsule | Cylinder)
+    axis, half = placed.rotation[:, 2], 0.5 * placed.shape.length
+    along = float(axis @ placed.position)
+    return np.array([[*axis, half + along], [*-axis, half - along]])
+
+
+class _Polyhedron:
+    """The vertex, the edge or the face of a polyhedron that a contact point is on, in the frame of its body.
+
+    Parameters
+    ----------
+    placed, planes, place
+        The shape, its faces, and the placement of its body.
+    bound : float
+        Lengths are relative to this one [m].
+    point, towards : ndarray, shape (3,)
+        The contact point, and the direction from the other shape to this one.
+    """
+
+    def __init__(
+        self, placed: PlacedShape, planes: Array, place: Array, bound: float, point: Array, towards: Array
+    ) -> None:
+        own = placed.shape.support_points()[0] @ placed.rotation.T + placed.position
+        world = own @ place[:3] + place[3]
+        height = world @ towards
+        level = np.flatnonzero(height <= height.min() + LEVEL * bound)
+        nearest = level[np.linalg.norm(world[level] - point, axis=1).argmin()]
+        self.vertex: Array | None = None
+        self.edge: tuple[Array, Array] | None = None
+        self.face: Array | None = None
+        if len(level) == 1 or np.linalg.norm(world[nearest] - point) <= NEAR * bound:
+            self.vertex = own[nearest]
+            return
+        if len(level) > 2:
+            normal = planes[:, :3] @ (place[:3] @ -towards)
+            if normal.max() >= 1.0 - _SAME_FACE:
+                self.face = planes[normal.argmax()]
+            level = _edge_through(world, level, point, towards, bound)
+        if len(level) == 2:
+            d = own[level[1]] - own[level[0]]
+            self.edge = own[level[0]], d / np.linalg.norm(d)
+
+
+def _edge_through(points: Array, level: Array, place: Array, normal: Array, bound: float) -> Array:
+    """Return the ends of the edge of a flat convex polygon, of some points, that a place is on, or none."""
+    own = points[level] - place
+    for i in range(len(level)):
+        for j in range(i):
+            d = own[j] - own[i]
+            size = float(np.linalg.norm(d))
+            side = np.cross(normal, d / max(size, NEAR * bound)) @ own.T
+            on = abs(side[i]) <= NEAR * bound and own[i] @ d <= 0.0 <= own[j] @ d
+            if on and (side.max() <= NEAR * bound or side.min() >= -NEAR * bound):
+                return level[[i, j]]
+    return level[:0]
+
+
+def features_of_round(
+    shapes: list[PlacedShape], planes: list[Array], places: Array, bound: float, point: Array, normal: Array,
+    alone: bool,
+) -> Features | None:  # fmt: skip
+    """Return which features of two shapes touch, of which one is a polyhedron and one a capsule or cylinder.
+
+    None where that is unclear: where a rim touches an edge or a vertex, or, if they are to touch `alone`, where they
+    may share more than the point.
+    """
+    k = int(is_round(shapes[1]))
+    placed, place, towards = shapes[k], places[k], normal if k == 0 else -normal
+    shape = placed.shape
+    assert isinstance(shape, Capsule | Cylinder)
+    axis, centre, half = placed.rotation[:, 2], placed.position, 0.5 * shape.length
+    straight = float(axis @ (place[:3] @ towards))
+    along = float(((point - place[3]) @ place[:3].T - centre) @ axis)
+    other = _Polyhedron(shapes[1 - k], planes[1 - k], places[1 - k], bound, point, towards)
+    at_end = abs(along) >= half - NEAR * bound
+    end = centre + np.copysign(half, along if abs(straight) <= _STRAIGHT else straight) * axis
+    flat = other.vertex is None and other.edge is None
+    if isinstance(shape, Cylinder) and abs(straight) > _STRAIGHT:
+        if abs(straight) >= 1.0 - _STRAIGHT**2:
+            unclear = alone and other.vertex is None
+            return None if unclear else _on_cap(shape.radius, placed, place, end, point, other, k)
+        return _on_rim(shape.radius, axis, end, other, k)
+    if abs(straight) <= _STRAIGHT:
+        if alone and other.face is not None:
+            return None
+        if isinstance(shape, Cylinder) and at_end and other.face is not None and flat:
+            return _on_rim(shape.radius, axis, end, other, k)
+        if isinstance(shape, Cylinder) or not at_end:
+            return _on_side(shape.radius, axis, centre, normal, places, other, k)
+    return _at_end(shape.radius, end, other, k)
+
+
+def _ordered(k: int, kinds: tuple[int, int], of_round: Array, of_other: Array, radius: float, shift: float) -> Features:
+    """Return features, those of the round shape at place k; `kinds` are those with it as the first and the second."""
+    parts = np.array([of_round, of_other] if k == 0 else [of_other, of_round])
+    return Features(kinds[k], parts, radius, shift)
+
+
+def _face(other: _Polyhedron, k: int) -> Array:
+    """Return a point of a face and the normal from the first shape to the second."""
+    assert other.face is not None
+    outward = other.face[:3]
+    return np.array([outward * other.face[3], -outward if k == 0 else outward])
+
+
+def _at_end(radius: float, end: Array, other: _Polyhedron, k: int) -> Features | None:
+    """Return the features where the end of a capsule touches."""
+    own, shift = np.array([end, np.zeros(3)]), radius if k == 0 else -radius
+    if other.vertex is not None:
+        both = own, np.array([other.vertex, np.zeros(3)])
+        return _ordered(k, (POINTS, POINTS), *both, radius, radius if k == 0 else 0.0)
+    if other.edge is not None:
+        return _ordered(k, (VERTEX_LINE, LINE_VERTEX), own, np.array(other.edge), radius, shift)
+    if other.face is not None:
+        return _ordered(k, (VERTEX_FACE, FACE_VERTEX), own, _face(other, k), radius, shift)
+    return None
+
+
+def _on_side(
+    radius: float, axis: Array, centre: Array, normal: Array, places: Array, other: _Polyhedron, k: int
+) -> Features | None:  # fmt: skip
+    """Return the features where the side of a capsule or a cylinder touches a vertex or an edge."""
+    own, shift = np.array([centre, axis]), radius if k == 0 else 0.0
+    if other.vertex is not None:
+        return _ordered(k, (LINE_VERTEX, VERTEX_LINE), own, np.array([other.vertex, np.zeros(3)]), radius, 0.0)
+    if other.edge is None:
+        return None
+    found = _ordered(k, (EDGES, EDGES), own, np.array(other.edge), radius, shift)
+    d, e = (part[1] @ place[:3] for part, place in zip(found.parts, places, strict=True))
+    turn = float(np.cross(d, e) @ normal)
+    if abs(turn) <= CROSS:
+        return None
+    # the cross product of both leads from the first shape to the second
+    found.parts[1, 1] *= np.sign(turn)
+    return found
+
+
+def _on_rim(radius: float, axis: Array, end: Array, other: _Polyhedron, k: int) -> Features | None:
+    """Return the features where a rim touches the inside of a face."""
+    if other.face is None or other.vertex is not None or other.edge is not None:
+        return None
+    return _ordered(k, (RIM_FACE, FACE_RIM), np.array([end, radius * axis]), _face(other, k), 0.0, 0.0)
+
+
+def _on_cap(
+    radius: float, placed: PlacedShape, place: Array, end: Array, point: Array, other: _Polyhedron, k: int
+) -> Features | None:  # fmt: skip
+    """Return the features where the flat end of a cylinder touches a vertex, or a face a fixed point of its rim."""
+    axis = placed.rotation[:, 2]
+    outward = axis if (end - placed.position) @ axis > 0.0 else -axis
+    if other.vertex is not None:
+        cap = np.array([end, outward if k == 0 else -outward])
+        return _ordered(k, (FACE_VERTEX, VERTEX_FACE), cap, np.array([other.vertex, np.zeros(3)]), 0.0, 0.0)
+    if other.face is None or other.edge is not None:
+        return None
+    beside = (point - place[3]) @ place[:3].T - end
+    beside -= (beside @ axis) * axis
+    size = float(np.linalg.norm(beside))
+    if size < 0.5 * radius:
+        return None
+    fixed = np.array([end + radius / size * beside, np.zeros(3)])
+    return _ordered(k, (VERTEX_FACE, FACE_VERTEX), fixed, _face(other, k), 0.0, 0.0)
