@@ -12,7 +12,8 @@ from .families.signed_distance import SignedDistances
 from .families.sphere_walls import SphereWalls
 from .families.spheres import SphereCentres, SphereContacts
 from .families.surface import SphereSurface
-from .family import ConstraintFamily, RowTable
+from .family import ConstraintFamily
+from .row_table import RowTable
 from .rows import Constraint, Rows
 
 __all__ = [

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from functools import cached_property, partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -14,35 +14,9 @@ from .families.candidates import PairCandidates
 from .mechanism.held_rows import RowParts, unknown_parts
 from .pair_features import FeatureRows
 from .rotations import rotation_rows
+from .row_table import RowTable
 from .rows import NO_POINT, Array, Rows
 from .tangents import Tangents, axes_of, tangents_of_mechanism
-
-
-class RowTable(NamedTuple):
-    """All rows of a family, near or far, as `EventDriven` needs them to find the times at which gaps close.
-
-    Attributes
-    ----------
-    number : ndarray of int, shape (k,)
-        The constraint that each row belongs to, counted within the family.
-    restitution : ndarray, shape (k,)
-        e of each row; NaN where the problem's own applies.
-    smooth : ndarray of bool, shape (k,)
-        Whether the gradient of each row is continuous.
-    reach : ndarray, shape (k, nv), or None
-        Bounds of the entries of each gradient; None where they are not known.
-    thickness : ndarray, shape (k,), or None
-        The least travel within which bodies can pass through each other [m]; None where they never can.
-    featured : ndarray of bool, shape (k,), or None
-        Whether `ConstraintFamily.feature_rows` knows the features of a row that is not smooth; None where of no row.
-    """
-
-    number: Array
-    restitution: Array
-    smooth: Array
-    reach: Array | None = None
-    thickness: Array | None = None
-    featured: Array | None = None
 
 
 class ConstraintFamily(ABC):
@@ -280,6 +254,9 @@ class ConstraintFamily(ABC):
     def row_parts(self, rows: Array) -> RowParts:
         """Return what some rows are, for kernels; by default these do not know them."""
         return unknown_parts(len(rows))
+
+    def pair_tables(self) -> tuple[tuple[Array, ...], Any] | None:  # noqa: B027
+        """Return what `write_distances` takes, if the rows are distances of pairs of shapes, else None."""
 
     def check_rows(self, t: float, q: Array, rows: Array) -> None:  # noqa: B027
         """Raise `InputError` if the gradients of some rows that are closed are wrong."""

@@ -118,7 +118,10 @@ def write_outside(
     for i in range(len(kind)):
         outside[i] = -np.inf
         for side in range(2):
-            if kind[i] == (FACE_VERTEX if side == 1 else VERTEX_FACE):
+            # vertices, and ends of axes, are on their shapes
+            if kind[i] == POINTS or kind[i] == (FACE_VERTEX if side == 1 else VERTEX_FACE):
+                continue
+            if kind[i] == (LINE_VERTEX if side == 1 else VERTEX_LINE):
                 continue
             P = places[i, side]
             x, y, z = point[i, 0] - P[3, 0], point[i, 1] - P[3, 1], point[i, 2] - P[3, 2]

@@ -75,6 +75,8 @@ class _Polyhedron:
         world = own @ place[:3] + place[3]
         height = world @ towards
         level = np.flatnonzero(height <= height.min() + LEVEL * bound)
+        # the outermost points, in the world
+        self.level = world[level]
         nearest = level[np.linalg.norm(world[level] - point, axis=1).argmin()]
         self.vertex: Array | None = None
         self.edge: tuple[Array, Array] | None = None
@@ -129,15 +131,21 @@ def features_of_round(
     if isinstance(shape, Cylinder) and abs(straight) > _STRAIGHT:
         if abs(straight) >= 1.0 - _STRAIGHT**2:
             unclear = alone and other.vertex is None
-            return None if unclear else _on_cap(shape.radius, placed, place, end, point, other, k)
+            return None if unclear else _on_cap(shape.radius, placed, place, end, bound, point, other, k)
         return _on_rim(shape.radius, axis, end, other, k)
     if abs(straight) <= _STRAIGHT:
-        if alone and other.face is not None:
+        # of a face, or an edge along the axis, more than one point touches
+        d = other.level[-1] - other.level[0]
+        along_axis = np.linalg.norm(np.cross(d, axis @ place[:3])) <= CROSS * np.linalg.norm(d)
+        if alone and len(other.level) > 1 and (len(other.level) > 2 or along_axis):
             return None
         if isinstance(shape, Cylinder) and at_end and other.face is not None and flat:
             return _on_rim(shape.radius, axis, end, other, k)
+        if isinstance(shape, Cylinder) and at_end and not (along_axis and len(other.level) == 2):
+            # a rim
+            return None
         if isinstance(shape, Cylinder) or not at_end:
-            return _on_side(shape.radius, axis, centre, normal, places, other, k)
+            return _on_side(shape.radius, axis, centre, point, normal, places, other, k)
     return _at_end(shape.radius, end, other, k)
 
 
@@ -168,21 +176,24 @@ def _at_end(radius: float, end: Array, other: _Polyhedron, k: int) -> Features |
 
 
 def _on_side(
-    radius: float, axis: Array, centre: Array, normal: Array, places: Array, other: _Polyhedron, k: int
+    radius: float, axis: Array, centre: Array, point: Array, normal: Array, places: Array, other: _Polyhedron, k: int
 ) -> Features | None:  # fmt: skip
     """Return the features where the side of a capsule or a cylinder touches a vertex or an edge."""
-    own, shift = np.array([centre, axis]), radius if k == 0 else 0.0
-    if other.vertex is not None:
-        return _ordered(k, (LINE_VERTEX, VERTEX_LINE), own, np.array([other.vertex, np.zeros(3)]), radius, 0.0)
+    own, shift, vertex = np.array([centre, axis]), radius if k == 0 else 0.0, other.vertex
+    if other.edge is not None:
+        place, d = places[1 - k], axis @ places[k][:3]
+        if np.linalg.norm(np.cross(d, other.edge[1] @ place[:3])) <= CROSS:
+            # where an edge lies along the axis, fixed points of it touch
+            vertex = place[:3] @ (point - place[3])
+            vertex = other.edge[0] + (vertex - other.edge[0]) @ other.edge[1] * other.edge[1]
+    if vertex is not None:
+        return _ordered(k, (LINE_VERTEX, VERTEX_LINE), own, np.array([vertex, np.zeros(3)]), radius, 0.0)
     if other.edge is None:
         return None
     found = _ordered(k, (EDGES, EDGES), own, np.array(other.edge), radius, shift)
     d, e = (part[1] @ place[:3] for part, place in zip(found.parts, places, strict=True))
-    turn = float(np.cross(d, e) @ normal)
-    if abs(turn) <= CROSS:
-        return None
     # the cross product of both leads from the first shape to the second
-    found.parts[1, 1] *= np.sign(turn)
+    found.parts[1, 1] *= np.sign(np.cross(d, e) @ normal)
     return found
 
 
@@ -194,19 +205,21 @@ def _on_rim(radius: float, axis: Array, end: Array, other: _Polyhedron, k: int) 
 
 
 def _on_cap(
-    radius: float, placed: PlacedShape, place: Array, end: Array, point: Array, other: _Polyhedron, k: int
+    radius: float, placed: PlacedShape, place: Array, end: Array, bound: float, point: Array, other: _Polyhedron, k: int
 ) -> Features | None:  # fmt: skip
     """Return the features where the flat end of a cylinder touches a vertex, or a face a fixed point of its rim."""
     axis = placed.rotation[:, 2]
     outward = axis if (end - placed.position) @ axis > 0.0 else -axis
+    beside = place[:3] @ (point - place[3]) - end
+    beside -= (beside @ axis) * axis
+    size = float(np.linalg.norm(beside))
     if other.vertex is not None:
+        if size >= radius - NEAR * bound:
+            return None
         cap = np.array([end, outward if k == 0 else -outward])
         return _ordered(k, (FACE_VERTEX, VERTEX_FACE), cap, np.array([other.vertex, np.zeros(3)]), 0.0, 0.0)
     if other.face is None or other.edge is not None:
         return None
-    beside = (point - place[3]) @ place[:3].T - end
-    beside -= (beside @ axis) * axis
-    size = float(np.linalg.norm(beside))
     if size < 0.5 * radius:
         return None
     fixed = np.array([end + radius / size * beside, np.zeros(3)])

@@ -22,9 +22,9 @@ from ...geometry.shapes.shape_table import indexed
 from ...geometry.shapes.shapes import HalfSpace, PlacedShape, graph_of
 from ...system import System
 from ...system.mechanisms.separation import row
-from ..family import RowTable
 from ..mechanism.held_rows import RowParts
 from ..mechanism.point_parts import parts_of_points
+from ..row_table import RowTable
 from ..rows import Rows
 from .pairs import Array, Contacts, PairCandidates, Pairs
 

@@ -16,10 +16,10 @@ from ...geometry.shapes.seams import uncovered
 from ...geometry.shapes.shape_table import ShapeTable
 from ...geometry.shapes.shapes import Sphere
 from ...system import System
-from ..family import RowTable
 from ..mechanism.pairs import AS_THEY_ARE, LEFT_TO_PYTHON, MOST_CONTACTS, ROUNDED, PairShapes
 from ..pair_features import FeatureRows, is_polyhedron
 from ..round_features import is_round
+from ..row_table import RowTable
 from ..rows import Rows
 from .pairs import Array, Contacts, Pairs
 
@@ -27,6 +27,8 @@ from .pairs import Array, Contacts, Pairs
 _ROOM = 16
 # contacts of more pairs are not kept while bodies stand still: of so many some body always moves
 _MOST_KEPT = 1000
+# errors of distances that are searched, of polyhedra and of other shapes, in roundings of placements
+_NOISE, _ROUND_NOISE = 1e2, 1e4
 # placements are rounded to multiples of 1 / this (lengths in units of the shapes' size), about 1e-14, so that a body at
 # rest has the same placement, bit by bit, at every step
 _GRID = 2.0**47
@@ -112,6 +114,9 @@ class SignedDistances(Pairs):
         )  # fmt: skip
         return axes.tables, PairShapes(*fields)
 
+    def pair_tables(self) -> tuple[tuple[Array, ...], PairShapes] | None:
+        return self.loop_tables()
+
     def keep_axes_of(self, other: SignedDistances) -> None:
         """Take over what another list of pairs of the same shapes knows of those that are in both."""
         before, axes = other._axes, self._axes
@@ -140,7 +145,9 @@ class SignedDistances(Pairs):
             # rows of a union begin and end where those of its parts do not
             beside = (np.diff(self._shapes.seams.first_neighbour) > 0)[self._sides].any(axis=1)
             smooth, featured = smooth & ~beside, featured & ~beside
-        return RowTable(np.arange(self.size), self.restitution, smooth, self.reach(), self.thickness, featured)
+        noise = np.where(smooth, 1.0, np.where(rounded[first] | rounded[second], _ROUND_NOISE, _NOISE))
+        more = self.reach(), self.thickness, featured, noise
+        return RowTable(np.arange(self.size), self.restitution, smooth, *more)
 
     def feature_rows(self, q: Array, row: int, tolerance: float, features: FeatureRows) -> list[int]:
         pair, shapes = np.array([row]), (self._shapes, self._sides[row], q)

@@ -11,8 +11,9 @@ from ...geometry.broad.sweep import may_pass
 from ...geometry.broad.verlet_list import VerletList
 from ...system import System
 from ...system.free.sparse_rows import dense
-from ..family import ConstraintFamily, RowTable
+from ..family import ConstraintFamily
 from ..rebuilt import Rebuilt
+from ..row_table import RowTable
 from ..rows import Array, Rows
 
 # most spheres of which the tunnelling guard lists all pairs

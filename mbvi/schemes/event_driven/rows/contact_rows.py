@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from ....constraints import AdmissibleSet, ConstraintFamily, RowTable
-from ....constraints.families.signed_distance import SignedDistances
 from ....constraints.feature_kernels import FACE_VERTEX
 from ....constraints.mechanism.held_rows import LIMIT, RowParts, unknown_parts
 from ....constraints.pair_features import FeatureRows
@@ -88,7 +87,7 @@ class SmoothRows:
         self._units = velocity_units(constraints.system, length)
         self._parts: list[tuple[ConstraintFamily, slice]] = []
         nothing, none = np.zeros(0), np.zeros(0, bool)
-        empty = np.zeros(0, np.int64), nothing, none, np.zeros((0, self._system.nv)), nothing, none
+        empty = np.zeros(0, np.int64), nothing, none, np.zeros((0, self._system.nv)), nothing, none, nothing
         columns: list[tuple[Array, ...]] = [empty]
         start = 0
         for family, first, e in constraints.numbered():
@@ -98,21 +97,21 @@ class SmoothRows:
             columns.append((table[0] + first, *table[1:]))
             self._parts.append((family, slice(start, start + len(table[0]))))
             start += len(table[0])
-        self.number, self.restitution, self.smooth, self.reach, self.thickness, self.featured = map(
+        self.number, self.restitution, self.smooth, self.reach, self.thickness, self.featured, noise = map(
             np.concatenate, zip(*columns, strict=True)
         )
         self.all = self.pair = np.arange(start)
         self._features = FeatureRows(self._system)
         self.lever = np.broadcast_to(constraints.levers(self.number), (start,))
         self.rounding = _ROUNDING * max(length, _extent(self._system, q)) / self.lever
-        self.rounding[~self.smooth] *= _SEARCHED
+        self.rounding *= noise
         self.friction: Array | None = None
         self._splits: dict[bytes, list[tuple[ConstraintFamily | FeatureRows, Array]]] = {}
         self.kernels = known_rows(self._system, self.parts(self.all))
         self._pairs: dict[int, KnownPairs] = {}
         if self.kernels is not None:
-            searched = (family for family, _ in self._parts if isinstance(family, SignedDistances))
-            self._pairs = {id(family): KnownPairs(self.kernels.mechanism, family) for family in searched}
+            tables = ((family, family.pair_tables()) for family, _ in self._parts)
+            self._pairs = {id(f): KnownPairs(self.kernels.mechanism, *each) for f, each in tables if each is not None}
 
     def with_features(self, q: Array, index: Array, kept: Array, tolerance: float) -> Array:
         """Return some rows that touch with those of features in place of their pairs, where they are known.
@@ -324,7 +323,7 @@ def _extent(system: Any, q: Array) -> float:
 
 def _completed(table: RowTable, e: float, nv: int) -> tuple[Array, ...]:
     """Return the columns of a table, with the problem's e and infinite numbers in place of unknown ones."""
-    number, own, smooth, reach, thickness, featured = table
+    number, own, smooth, reach, thickness, featured, noise = table
     return (
         number,
         np.where(np.isnan(own), e, own),
@@ -332,4 +331,5 @@ def _completed(table: RowTable, e: float, nv: int) -> tuple[Array, ...]:
         np.full((len(number), nv), np.inf) if reach is None else reach,
         np.full(len(number), np.inf) if thickness is None else thickness,
         np.zeros(len(number), bool) if featured is None else featured,
+        np.where(smooth, 1.0, _SEARCHED) if noise is None else noise,
     )

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from ....compiled import held, kernel, plain_array
-from ....constraints.families.signed_distance import SignedDistances
 from ....constraints.mechanism.pairs import LEFT_TO_PYTHON, PairShapes, distance_of, place_bodies
 from ....geometry.closed_form.primitive_pairs import NONE
 from ....geometry.narrow.pair_contacts import write_contacts
@@ -50,20 +49,19 @@ class KnownPairs:
     ----------
     mechanism : Mechanism
         What `held` returns of a record of its own.
-    family : SignedDistances
-        All pairs.
+    tables, shapes
+        What `ConstraintFamily.pair_tables` returns.
 
     Attributes
     ----------
     tables, shapes
-        What `write_distances` takes.
+        The same, the second as `held` returns it.
     known : ndarray of bool, shape (n,)
         Which pairs the kernels know.
     """
 
-    def __init__(self, mechanism: Mechanism, family: SignedDistances) -> None:
-        self._mechanism = mechanism
-        self.tables, shapes = family.loop_tables()
+    def __init__(self, mechanism: Mechanism, tables: tuple[Array, ...], shapes: PairShapes) -> None:
+        self._mechanism, self.tables = mechanism, tables
         self.known = (shapes.form == NONE) & (shapes.mode != LEFT_TO_PYTHON)
         self.shapes: PairShapes = held(shapes)
 
