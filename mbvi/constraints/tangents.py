@@ -143,6 +143,53 @@ def tangents_of_mechanism(
     return Tangents(friction, axes, jacobian, None)
 
 
+def along_axes(values: Array, own: Array, axes: Array) -> Array:
+    """Return vectors of k contacts, given by components along axes of their own, by those along other axes.
+
+    Parameters
+    ----------
+    values : ndarray, shape (..., k, w)
+        Two components within the tangent plane, and with w = 5 a rotation about the normal and two about tangents.
+    own, axes : ndarray, shape (k, 2, 3)
+        The axes of the contacts, and the others.
+    """
+    found = values.copy()
+    for first in range(0, values.shape[-1], 3):
+        world = np.einsum("...kc,kcd->...kd", values[..., first : first + 2], own)
+        found[..., first : first + 2] = np.einsum("...kd,kcd->...kc", world, axes)
+    return found
+
+
+@kernel("void(f8[::1], f8[:,:,::1], f8[:,:,::1], i8[::1], f8[::1])")
+def write_along_axes(values: Array, own: Array, axes: Array, order: Array, found: Array) -> None:
+    """Write vectors of k contacts, four of each, by their components along other axes.
+
+    Parameters
+    ----------
+    values : ndarray, shape (8 k,) or (12 k,)
+        Two components along axes of their own, behind a rotation about the normal if there are three numbers.
+    own, axes : ndarray, shapes (m, 2, 3) and (n, 2, 3)
+        The axes of the contacts, and the others.
+    order : ndarray of int, shape (k,)
+        Which contact each one was.
+    found : ndarray
+        Receives the numbers; may have no size.
+    """
+    k = len(order)
+    width = len(found) // (4 * k) if k > 0 else 0
+    for c in range(4 if width > 0 else 0):
+        for i in range(k):
+            a = order[i]
+            of, to = width * (c * k + a), width * (c * k + i)
+            found[to] = values[of]
+            for j in range(2):
+                along = 0.0
+                for d in range(3):
+                    part = values[of + width - 2] * own[a, 0, d] + values[of + width - 1] * own[a, 1, d]
+                    along += part * axes[i, j, d]
+                found[to + width - 2 + j] = along
+
+
 def axes_of(normal: Array) -> Array:
     """Return two tangents for each unit normal, shape (k, 2, 3)."""
     axes = np.empty((len(normal), 2, 3))

@@ -28,6 +28,11 @@ def restore_columns(rng):
     return *rng.normal(size=(2, 4 * k * width)), rng.permutation(k), rng.random(k) < 0.5
 
 
-SETTLE_ARGUMENTS = {
-    kernel.__name__: kernel for kernel in (largest_travel, largest_bend, find_moved_groups, restore_columns)
-}
+def write_along_axes(rng):
+    k, width = int(rng.integers(1, 6)), int(rng.choice([0, 2, 3]))
+    values, axes = rng.normal(size=4 * k * width), rng.normal(size=(2, k + 1, 2, 3))
+    return values, *axes, rng.permutation(k), np.zeros(len(values))
+
+
+GIVEN = largest_travel, largest_bend, find_moved_groups, restore_columns, write_along_axes
+SETTLE_ARGUMENTS = {kernel.__name__: kernel for kernel in GIVEN}

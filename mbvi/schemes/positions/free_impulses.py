@@ -5,13 +5,17 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse import csr_array
 
-from ...compiled import plain_array
+from ...compiled import kernel, plain_array
 from ...constraints import Rows
+from ...constraints.mechanism.tables import RowBuffer
+from ...constraints.tangents import along_axes
 from ...problem import Problem
 from ...projection import FreeMotion, TreeFreeMotion
+from ...projection.tree import solve
 from ...system.free.free_momentum import keep_momentum
 from ...system.free.sparse_rows import sparse_parts
 from ...system.system import Array
+from ..kernels.records import MechanismStep
 from ..step import Step
 
 
@@ -33,10 +37,38 @@ def without_percussions(
     if not len(bodies.q):
         return None
     impulse = rows.jacobian.T @ step.percussion[owner]
-    if step.slip is not None and rows.tangents is not None:
-        impulse = impulse + rows.tangents.jacobian.T @ step.slip[0][owner].ravel()
+    before, tangents = step.active.tangents, rows.tangents
+    if step.slip is not None and before is not None and tangents is not None:
+        friction = along_axes(step.slip[0][owner], before.axes[owner], tangents.axes)
+        impulse = impulse + tangents.jacobian.T @ friction.ravel()
     start, free = step.v - motion.metric.solve_rows(impulse[None])[0], bodies.owner >= 0
     return np.where(free if to_space is None else abs(to_space).T @ free > 0.0, start, motion.free)
+
+
+@kernel("void(MechanismStep, RowBuffer, i8[::1], f8[::1], f8[::1], f8[::1])")
+def start_of_tangent_law(
+    s: MechanismStep, there: RowBuffer, order: Array, slip: Array, turn: Array, start: Array
+) -> None:  # fmt: skip
+    """Write the free motion, of free bodies the velocity at the end less percussions of the law at rows as they are.
+
+    What the percussions of the tangent velocity differ by from those of the law is then an impulse at these rows.
+    `order`, shape (k,), says which row of the law each was; `slip` and `turn` are those of the law along the axes of
+    these rows; `start` has shape (nv,).
+    """
+    n = len(start)
+    impulse, whitened, change = np.zeros((1, n)), np.empty((1, n)), np.zeros((1, n))
+    if len(s.bodies.mass) > 0:
+        for i in range(there.size[0]):
+            a = order[i]
+            for j in range(n):
+                impulse[0, j] += s.rates[a] * there.J[i, j]
+                for c in range(2 if len(there.T) > 0 else 0):
+                    impulse[0, j] += slip[2 * i + c] * there.T[2 * i + c, j]
+                for c in range(3 if len(there.R) > 0 else 0):
+                    impulse[0, j] += turn[3 * i + c] * there.R[3 * i + c, j]
+        solve(s.room.L, s.mechanism.parent, impulse, whitened, change)
+    for j in range(n):
+        start[j] = s.room.after[j] - change[0, j] if s.bodies.owner[j] >= 0 else s.room.free[j]
 
 
 def with_momentum(problem: Problem, step: Step, place: Array, before: Array, w: Array) -> Step:

@@ -15,6 +15,7 @@ from scipy.sparse import csr_array
 from ...compiled import kernel
 from ...constraints import Rows
 from ...constraints.mechanism.tables import RowBuffer
+from ...constraints.tangents import along_axes
 from ...problem import Problem
 from ...system.system import Array, independent_parts
 from ..kernels.records import MechanismStep
@@ -82,7 +83,9 @@ def with_the_rest_of_law(problem: Problem, law: Step, v: Array, step: Step, orde
         return step
     slip = step.slip
     if slip is not None and law.slip is not None:
-        slip = np.where(rows[:, None], slip, law.slip[:, order])
+        assert law.active.tangents is not None and step.active.tangents is not None
+        own, axes = law.active.tangents.axes[order], step.active.tangents.axes
+        slip = np.where(rows[:, None], slip, along_axes(law.slip[:, order], own, axes))
     rates = np.where(rows, step.rates, law.rates[:, order])
     return step._replace(v=np.where(velocities, step.v, v), rates=rates, slip=slip)
 
@@ -147,8 +150,10 @@ def keep_the_rest_of_law(s: MechanismStep, moved: Array, rates: Array, slip: Arr
         After the projection; `room.after` has the velocity of the law at the end of the step.
     moved : ndarray, shape (nv,)
         The displacement.
-    rates, slip, turn : ndarray
+    rates : ndarray
         Those of the law, of its k rows.
+    slip, turn : ndarray
+        Those of the law, in the order and along the axes of the rows after the projection.
     order : ndarray of int, shape (k,)
         Of each row after the projection that of the law.
     """
@@ -161,5 +166,6 @@ def keep_the_rest_of_law(s: MechanismStep, moved: Array, rates: Array, slip: Arr
         if not velocities[k]:
             s.v[k] = s.room.after[k]
     restore_columns(rates, s.rates, order, rows)
-    restore_columns(slip, s.slip, order, rows)
-    restore_columns(turn, s.turn, order, rows)
+    same = np.arange(len(order))
+    restore_columns(slip, s.slip, same, rows)
+    restore_columns(turn, s.turn, same, rows)

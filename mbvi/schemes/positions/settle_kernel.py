@@ -7,10 +7,10 @@ import numpy as np
 from ...compiled import kernel
 from ...constraints.mechanism.rows import write_gradients
 from ...constraints.mechanism.tables import FOUND, MOST_ROWS, TOO_MANY, RowBuffer, copy_row, rows_for
+from ...constraints.tangents import write_along_axes
 from ...projection.dense.orthonormal_rows import inner
 from ...projection.positions.closed_contacts import stays_sunk
 from ...projection.positions.travel import MOST_LINEARISATIONS
-from ...projection.tree import solve
 from ...system.free.free_momentum import keep_momentum_of_rows
 from ...system.mechanisms.mechanism import glide, place
 from ...system.system import Array
@@ -19,6 +19,7 @@ from ..kernels.records import DONE, MechanismStep
 from .bounds_kernel import apply_bounds
 from .closed_kernel import bears_or_sinks, closed_contacts
 from .displacement_kernel import IMPOSSIBLE, Sunk, raise_sunk
+from .free_impulses import start_of_tangent_law
 from .moved_groups import keep_the_rest_of_law
 from .nearby_kernel import copy_rows, find_nearby, known_gaps, match_rows, may_sink, nearby_rows
 
@@ -168,29 +169,6 @@ def join_law(
     return code
 
 
-@kernel("void(MechanismStep, RowBuffer, i8[::1], f8[::1])")
-def start_of_tangent_law(s: MechanismStep, there: RowBuffer, order: Array, start: Array) -> None:
-    """Write the free motion, of free bodies the velocity at the end less percussions of the law at rows as they are.
-
-    What the percussions of the tangent velocity differ by from those of the law is then an impulse at these rows.
-    `order`, shape (k,), says which row of the law each was; `start` has shape (nv,).
-    """
-    n = len(start)
-    impulse, whitened, change = np.zeros((1, n)), np.empty((1, n)), np.zeros((1, n))
-    if len(s.bodies.mass) > 0:
-        for i in range(there.size[0]):
-            a = order[i]
-            for j in range(n):
-                impulse[0, j] += s.rates[a] * there.J[i, j]
-                for c in range(2 if len(there.T) > 0 else 0):
-                    impulse[0, j] += s.slip[2 * a + c] * there.T[2 * i + c, j]
-                for c in range(3 if len(there.R) > 0 else 0):
-                    impulse[0, j] += s.turn[3 * a + c] * there.R[3 * i + c, j]
-        solve(s.room.L, s.mechanism.parent, impulse, whitened, change)
-    for j in range(n):
-        start[j] = s.room.after[j] - change[0, j] if s.bodies.owner[j] >= 0 else s.room.free[j]
-
-
 @kernel("i8(MechanismStep, f8[::1], f8, Sunk, RowBuffer, i8[::1])")
 def follow(s: MechanismStep, v: Array, half: float, sunk: Sunk, near: RowBuffer, owner: Array) -> int:
     """Take the projected configuration, with a velocity tangent to its closed contacts; return a code.
@@ -235,11 +213,13 @@ def follow(s: MechanismStep, v: Array, half: float, sunk: Sunk, near: RowBuffer,
         # contact that bounces leaves by Newton's law
         if there.lever[i] * there.gap[i] > s.scales.tolerance and (room.closed[a] or s.rates[a] == 0.0):
             lower[i] = -there.gap[i] / half if i < m else min(lower[i], -there.gap[i] / half)
-    start_of_tangent_law(s, there, order, start)
-    # those of the law
+    # those of the law, along the axes of these rows
     several = s.scales.part.any()
     rates = s.rates[: 4 * k if several else 0].copy()
-    slip, turn = s.slip[: 2 * len(rates)].copy(), s.turn[: 3 * len(rates)].copy()
+    slip, turn = np.empty(min(8 * k, len(s.slip))), np.empty(min(12 * k, len(s.turn)))
+    write_along_axes(s.slip, s.rows.axes, there.axes, order, slip)
+    write_along_axes(s.turn, s.rows.axes, there.axes, order, turn)
+    start_of_tangent_law(s, there, order, slip, turn, start)
     code = apply_bounds(s, there, v, start, lower, 2.0 * half)
     if code != DONE:
         return code
