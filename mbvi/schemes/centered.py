@@ -93,7 +93,8 @@ class Centered(Scheme):
             # gaps that lead to those of the end, which the position projection takes to be linear
             active, linear = active._replace(gap=ahead.gap - half * active.speeds(v)), True
         opened = closing_speeds(problem, active, half, half * active.speeds(v)) if self.project_positions else None
-        w, rates, residual, slip, active = law(projector, v, motion, active, opened)
+        w, rates, residual, slip, found = law(projector, v, motion, *self.rows_of_law(active, v, opened))
+        active = active._replace(restitution=found.restitution)
         step = Step(end, middle, w, active, rates, residual, slip)
         if not self.project_positions:
             return with_tangent_velocity(system, coasted(system, advance_gaps(step, half), half), motion)
@@ -110,6 +111,13 @@ class Centered(Scheme):
         if margin > 0.0:
             ahead = nearby.only(joining(problem, ahead, h * ahead.speeds(displacement / h)))
         return ahead
+
+    def rows_of_law(self, rows: Rows, v: Array, opened: Array | None) -> tuple[Rows, Array | None]:
+        """Return the rows of the law in the middle of a step, and how fast they may close: those given.
+
+        v is the velocity before the law.
+        """
+        return rows, opened
 
 
 def _bounces(problem: Problem, ahead: Rows, change: Array) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -55,17 +54,13 @@ class Doubled(NamedTuple):
 
 
 def doubled(
-    problem: Problem, scheme: Scheme, t: float, q: Array, v: Array, h: float, projector: Projector,
-    settled: Callable[[Step], Step],
+    problem: Problem, scheme: Scheme, t: float, q: Array, v: Array, h: float, projector: Projector
 ) -> Doubled:  # fmt: skip
-    """Take a step of length h from (q, v) at t, and the same as two halves; raise as the scheme does.
-
-    `settled` returns a step that ends where contacts are closed; see `closed_again`.
-    """
+    """Take a step of length h from (q, v) at t, and the same as two halves; raise as the scheme does."""
     half = 0.5 * h
-    whole = settled(scheme.step(problem, t, q, v, h, projector))
-    first = settled(scheme.step(problem, t, q, v, half, projector))
-    second = settled(scheme.step(problem, t + half, first.q, first.v, half, projector))
+    whole = scheme.step(problem, t, q, v, h, projector)
+    first = scheme.step(problem, t, q, v, half, projector)
+    second = scheme.step(problem, t + half, first.q, first.v, half, projector)
     return Doubled(whole, first, second, problem.system.difference(whole.q, second.q))
 
 

@@ -5,16 +5,20 @@ from __future__ import annotations
 import numpy as np
 
 from ...constraints import Rows
-from ...constraints.rows import match_contacts
+from ...constraints.rows import match_contacts, take
+from ...constraints.tangents import along_axes
 from ...problem import Problem
+from ...projection import Projector
 from ...system.system import Array
 from ..centered import Centered
 from ..positions.nearby_rows import NearbyRows
-from ..step import joining, near_margin
+from ..step import Step, joining, near_margin
 from .measure import Measure
 
 # travel in a step up to which gaps are looked at, and the most, in lengths of the scene
 _TRAVEL, _FARTHEST = 2.0, 0.5
+# gap up to which contacts at rest are looked for, in lengths of the scene
+_CLOSED = 1e-4
 
 
 class HoldingCentered(Centered):
@@ -38,6 +42,55 @@ class HoldingCentered(Centered):
         super().__init__(project_positions=True)
         self._measure = measure
         self.resting: Rows | None = None
+        # those of them that have friction at the start of the step, and their slips [m/s]
+        self._rough: tuple[Rows, Array] | None = None
+
+    def step(self, problem: Problem, t: float, q: Array, v: Array, h: float, projector: Projector) -> Step:
+        """See `Scheme`."""
+        self._rough = self._with_friction(problem, t, q, v)
+        return self._from_the_start(super().step(problem, t, q, v, h, projector))
+
+    def _from_the_start(self, step: Step) -> Step:
+        """Return a step whose slips before the law are those at its start, of contacts at rest with friction."""
+        tangents = step.active.tangents
+        if self._rough is None or step.slip is None or tangents is None or not len(self._rough[1]):
+            return step
+        here, before = self._rough
+        assert here.tangents is not None
+        owner, slip = match_contacts(step.active, here), step.slip.copy()
+        known = owner >= 0
+        slip[3, known, :2] = along_axes(before[owner], here.tangents.axes[owner], tangents.axes)[known]
+        return step._replace(slip=slip)
+
+    def _with_friction(self, problem: Problem, t: float, q: Array, v: Array) -> tuple[Rows, Array] | None:
+        """Return the contacts at rest that have friction, and how they slip."""
+        resting = self.resting
+        if resting is None or resting.tangents is None or not (resting.tangents.friction > 0.0).any():
+            return None
+        here = problem.constraints.active(t, q, max(_CLOSED * problem.length, 4.0 * self._measure.gap))
+        here = take(here, match_contacts(here, resting) >= 0)
+        return None if here.tangents is None else (here, here.tangents.slip(v)[:, :2])
+
+    def rows_of_law(self, rows: Rows, v: Array, opened: Array | None) -> tuple[Rows, Array | None]:
+        """Return rows in whose law contacts at rest turn with the mean of the velocities before and after.
+
+        A body that turns about a contact moves across it, or slips, in the middle of a step. The law would only take
+        that away, and with it half of the forces that bend the path; Coulomb's law would not see the other half.
+        """
+        tangents = rows.tangents
+        if self._rough is None or tangents is None or not len(self._rough[1]):
+            return rows, opened
+        here, before = self._rough
+        owner = match_contacts(rows, here)
+        rests = owner >= 0
+        assert here.tangents is not None
+        slip = tangents.slip(v)
+        slip[:, :2] -= along_axes(before[owner], here.tangents.axes[owner], tangents.axes)
+        slip[~rests], slip[:, 2:] = 0.0, 0.0
+        across = np.where(rests, rows.speeds(v), 0.0)
+        tangents = tangents._replace(rate=slip.ravel() + (0.0 if tangents.rate is None else tangents.rate))
+        rows = rows._replace(rate=across + (0.0 if rows.rate is None else rows.rate), tangents=tangents)
+        return rows, None if opened is None else np.where(rests, 0.0, opened)
 
     def rows_ahead(self, problem: Problem, nearby: NearbyRows, q: Array, v: Array, h: float) -> Rows:
         """See `Centered`."""

@@ -20,7 +20,7 @@ from .closed import Near, near_rows, returned
 from .doubling import Doubled, doubled, held
 from .holding import HoldingCentered
 from .joints import JointSlips
-from .judgement import Verdict, closed_again, judged
+from .judgement import Verdict, judged
 from .landing import acceleration_at, landing_time, missed_time, stop_time
 from .measure import Measure
 
@@ -209,10 +209,10 @@ class AdaptiveIntegrator:
                 if time is not None:
                     cut, h = True, time
             h = end - t if end - t - h < 0.01 * h else h
-            shortest, settled = h <= floor, partial(closed_again, problem, measure, near.resting, speed, h)
+            shortest = h <= floor
             try:
                 with projector.acceptance.second_bound() if shortest else nullcontext():
-                    found = doubled(problem, self._scheme, t, q, v, h, projector, settled)
+                    found = doubled(problem, self._scheme, t, q, v, h, projector)
             except ProjectionError:
                 if shortest:
                     raise

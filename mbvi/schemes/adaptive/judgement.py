@@ -7,12 +7,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ...constraints import Rows
-from ...constraints.rows import take
 from ...problem import Problem
 from ...system.system import Array
 from ..step import Step
 from .closed import returned
-from .doubling import Doubled, common_contacts, hidden, kept, lands
+from .doubling import Doubled, common_contacts, hidden, lands
 from .measure import Measure
 
 # gap beyond the displacement of an extrapolation up to which its contacts are looked for, in activation tolerances
@@ -52,25 +51,6 @@ class _Better(NamedTuple):
     error: float
     power: float
     step: Step
-
-
-def closed_again(problem: Problem, measure: Measure, resting: Rows, speed: float, h: float, step: Step) -> Step:
-    """Return a step with the state at its end moved to where resting contacts are closed, if one of them has friction.
-
-    A step leaves velocities across them of the order of its length, for the next to remove. The second half of a step
-    would so begin beside where the whole step began: of order one, and their difference would not say how far. `speed`
-    is the largest before, in the units of `Measure`, and h the length of the step that is taken whole and in halves
-    [s].
-    """
-    tangents = step.active.tangents
-    if tangents is None or not len(resting.gap) or lands(step, resting):
-        return step
-    closed, sticks = kept(measure, step, resting, speed)
-    if not (closed & (tangents.friction > 0.0)).any():
-        return step
-    reach = _NEAR * problem.tolerance + h * speed * problem.length
-    found = returned(problem, step.t, step.q, step.v, take(step.active, closed), sticks[closed], reach)
-    return step if found is None else step._replace(q=found.q, v=found.v)
 
 
 def judged(
