@@ -16,6 +16,8 @@ from ..arguments import LARGEST, SMALLEST, Array, finite, returned, shown, vecto
 from ..errors import InputError
 
 Vector = Sequence[float] | Array
+# by how much the length of a unit vector may differ from 1 by rounding
+_UNIT = 1e-15
 
 
 class Motion(Protocol):
@@ -126,9 +128,11 @@ class Rotation:
 
     def __post_init__(self) -> None:
         axis = vector(self.axis, "axis")
-        if np.linalg.norm(axis) < SMALLEST:
+        length = float(np.linalg.norm(axis))
+        if length < SMALLEST:
             raise InputError("the axis of a rotation must not be zero")
-        object.__setattr__(self, "axis", tuple((axis / np.linalg.norm(axis)).tolist()))
+        # a unit vector stays as it is, so that a file gives the same one
+        object.__setattr__(self, "axis", tuple((axis if abs(length - 1.0) <= _UNIT else axis / length).tolist()))
         object.__setattr__(self, "centre", _fixed(self.centre, "centre"))
         object.__setattr__(self, "rate", finite(self.rate, "rate"))
 

@@ -551,6 +551,18 @@ def test_a_file_keeps_the_state_of_its_problem(run, tmp_path, rng):
         assert mbvi.simulate(back, mbvi.Paoli(), step=1e-3, duration=0.05).q.tobytes() == again.q.tobytes()
 
 
+def test_any_axis_of_a_wall_that_turns_loads_as_it_was(tmp_path, rng):
+    """Unit vectors are rounded: to make one of one that is read must not change it."""
+    for axis in rng.normal(size=(30, 3)):
+        motion = mbvi.motion.Rotation(axis, 1.0)
+        assert mbvi.motion.Rotation(motion.axis, 1.0) == motion
+    scene = mbvi.Scene()
+    scene.add_halfspace((0, 0, 1), motion=motion)
+    scene.add_sphere(0.1, position=(0, 0, 1))
+    mbvi.simulate(scene.build(), step=1e-2, duration=0.02).save(tmp_path / "run.h5")
+    assert mbvi.load(tmp_path / "run.h5").q.shape == (3, 3)
+
+
 def test_constraints_given_by_hand_are_named(run, tmp_path):
     built = run.problem
     problem = mbvi.Problem(built.system, built.constraints.constraints[:-1], built.q0, built.v0, scene=built.scene)

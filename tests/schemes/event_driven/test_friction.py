@@ -217,3 +217,18 @@ def test_impacts_where_gradients_jump_have_friction():
     assert (pull <= 0.4 * first.percussion * (1 + 1e-6)).all()
     # it takes from the sideways motion
     assert run.v[-1, 6] < 0.29
+
+
+@pytest.mark.parametrize("velocity", [(0.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, 1.0, 0.0)])
+@pytest.mark.parametrize("kind", ["ball", "box"])
+def test_a_contact_on_which_nothing_acts_stays(kind, velocity):
+    """Without gravity a body that touches rests or slides on, in a few steps."""
+    scene = mbvi.Scene(gravity=(0, 0, 0), friction=0.3, restitution=0.0)
+    scene.add_halfspace((0, 0, 1))
+    if kind == "ball":
+        scene.add_sphere(0.1, position=(0, 0, 0.1), velocity=velocity)
+    else:
+        scene.add_box((0.2, 0.2, 0.2), position=(0, 0, 0.1), velocity=velocity)
+    run = mbvi.simulate(scene.build(), mbvi.EventDriven(1e-6), duration=0.5)
+    assert run.notes == () and len(run.t) < 20
+    np.testing.assert_allclose(run.q[-1, :3], [0.0, 0.5 * velocity[1], 0.1], atol=1e-12)

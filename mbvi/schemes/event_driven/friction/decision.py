@@ -10,7 +10,7 @@ from ....errors import ProjectionError
 from ....projection.coulomb.friction import project_frictional
 from ....projection.coulomb.newton.cases import OPEN, STICK
 from ....system.system import Array
-from ..finding.release_events import OPENS
+from ..finding.release_events import OPENS, STAYS
 from .modes import ModeEquations
 
 # the velocity of contacts that slide, over the largest acceleration: they go on sliding in any case
@@ -97,4 +97,6 @@ def decide(equations: ModeEquations, slides: Array) -> Decision | None:
     rests = np.linalg.norm(T @ found.velocity - equations.along, axis=1) <= OPENS * (turning.max(axis=1) + scale)
     rests |= found.case == STICK
     closed = found.case != OPEN
-    return Decision(found.velocity, opening, closed, closed & ~slides & (mu > 0.0) & rests, way, force)
+    # contacts on which nothing acts may stick without a force
+    sticks = (closed | (opening <= STAYS)) & ~slides & (mu > 0.0) & rests
+    return Decision(found.velocity, opening, closed, sticks, way, force)
