@@ -22,6 +22,8 @@ from .rows import Array
 # lengths are relative to the bounding radius of the smaller shape
 # parts so near to others are the same
 _SAME = 1e-8
+# points this little below the outermost one belong to its edge, if that one is not where the shapes touch
+_WIDE = 1e-9
 # vertices so far beside the other shape do not touch it
 _OFF = 1e-13
 
@@ -119,6 +121,23 @@ class FeatureRows:
         self._faces = np.concatenate([self._faces, np.array([ranges])])
         return len(self._kind) - 1
 
+    def shared(self, table: ShapeTable, sides: Array, q: Array, normal: Array) -> Array:
+        """Return the corners of what the outermost faces or edges of two polyhedra share along a normal, shape (k, 3).
+
+        The other arguments are those of `add`.
+        """
+        shapes = [table.placed[s] for s in sides.tolist()]
+        if any(map(is_round, shapes)):
+            return np.zeros((0, 3))
+        bound, level = float(table.bound[sides].min()), []
+        places = self._places(q, np.array([shape.body for shape in shapes]))
+        for shape, place, sign in zip(shapes, places, (1.0, -1.0), strict=True):
+            world = (shape.shape.support_points()[0] @ shape.rotation.T + shape.position) @ place[:3] + place[3]
+            below = (sign * (world @ normal)).max() - sign * (world @ normal)
+            least = LEVEL if np.count_nonzero(below <= LEVEL * bound) > 1 else _WIDE
+            level.append(world[below <= least * bound])
+        return _overlap(level[0], level[1], normal)
+
     def _places(self, q: Array, bodies: Array) -> Array:
         """Return the placements of some bodies, shape (k, 4, 3); the world's is the identity."""
         places = np.zeros((len(bodies), 4, 3))
@@ -200,6 +219,35 @@ class FeatureRows:
         """Do nothing: gradients of features are exact."""
 
 
+def _overlap(first: Array, second: Array, normal: Array) -> Array:
+    """Return the corners of what two flat convex polygons or segments share, shape (k, 3); none if one is a point."""
+    if min(len(first), len(second)) < 2 or len(first) + len(second) < 5:
+        return np.zeros((0, 3))
+    fewer, more = (first, second) if len(first) <= len(second) else (second, first)
+    points = list(_in_order(fewer, normal))
+    corners = _in_order(more, normal)
+    for corner, after in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        inward = np.cross(normal, after - corner)
+        side, kept = [float((point - corner) @ inward) for point in points], []
+        for k, point in enumerate(points):
+            other = (k + 1) % len(points)
+            if side[k] >= 0.0:
+                kept.append(point)
+            if side[k] * side[other] < 0.0:
+                kept.append(point + side[k] / (side[k] - side[other]) * (points[other] - point))
+        points = kept
+    # a segment is followed to its end and back
+    return np.unique(np.array(points).reshape(-1, 3), axis=0)
+
+
+def _in_order(points: Array, normal: Array) -> Array:
+    """Return the corners of a flat convex polygon in the order in which they turn about a normal."""
+    across, _, _ = np.linalg.svd(normal[None].T)
+    along = across[:, 1]
+    beside = points - points.mean(axis=0)
+    return points[np.argsort(np.arctan2(beside @ np.cross(normal, along), beside @ along))]
+
+
 def _features(
     shapes: list[PlacedShape],
     faces: list[Array],
@@ -217,6 +265,10 @@ def _features(
         height = sign * (world @ normal)
         level.append(np.flatnonzero(height >= height.max() - LEVEL * bound))
         distance = np.linalg.norm(world[level[-1]] - point, axis=1)
+        if len(distance) == 1 and distance[0] > NEAR * bound:
+            # the place is on an edge or a face that is nearly level, of which this is the outermost end
+            level[-1] = np.flatnonzero(height >= height.max() - _WIDE * bound)
+            distance = np.linalg.norm(world[level[-1]] - point, axis=1)
         one = len(level[-1]) == 1
         near.append(level[-1][distance.argmin()] if one or distance.min() <= NEAR * bound else None)
         inside.append((own, world))

@@ -160,6 +160,10 @@ class SignedDistances(Pairs):
         # the corners of the region that two shapes share lie on either side of the tolerance
         near = contacts.gap <= max(tolerance, float(nearest.gap[0]))
         found = [features.add(*shapes, *each) for each in zip(contacts.point[near], contacts.normal[near], strict=True)]
+        if None in found:
+            # beside nearly parallel faces the region that two shapes share has other corners
+            normal = nearest.normal[0]
+            found = [features.add(*shapes, point, normal) for point in features.shared(*shapes, normal)]
         return [] if None in found else [k for k in dict.fromkeys(found) if k is not None]
 
     def contacts_of_placed(self, q: Array, places: Array, tolerance: float) -> Rows | None:

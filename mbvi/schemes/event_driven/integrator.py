@@ -25,7 +25,7 @@ from .impact_event import ImpactEvent
 from .motion_state import NO_ROWS, MotionState
 from .rows.row_sets import members, union
 from .runge_kutta import RungeKuttaStep
-from .stages import largest_error
+from .step_errors import largest_error
 
 # largest error of one step, relative to the tolerance
 _LOCAL = 0.3

@@ -19,7 +19,8 @@ from ...system.free.bodies import FreeBodies
 from ...system.free.planar import PlanarBodies
 from ...system.system import Array
 from .rows.contact_rows import SmoothRows
-from .stages import SmoothMotion, accelerate, margins_along, stages_of, take_stages, write_errors
+from .stages import SmoothMotion, accelerate, margins_along, stages_of, take_stages
+from .step_errors import write_errors
 
 # singular values of the Delassus matrix below this count as zero
 DEPENDENT = 1e-10

@@ -89,6 +89,32 @@ def test_the_rows_of_features_are_smooth_and_have_their_derivatives(kind, rng):
     np.testing.assert_allclose(features.row_bias(0.0, q, v, rows), change, atol=1e-5)
 
 
+@pytest.mark.parametrize("tilt", [0.0, 3e-12, 1e-11, 1e-10])
+@pytest.mark.parametrize("bulge", [1e-6, 1e-4, 1e-2])
+def test_features_of_an_edge_on_a_face_among_nearly_parallel_ones(tilt, bulge):
+    """A hull has facets that are nearly level; an edge of another one lies on one of them, but for rounding."""
+    # a roof of four facets about a triangle; the edge crosses the triangle and leaves it on both sides
+    corners = [(-0.1, -0.1), (0.1, -0.1), (0.0, 0.1), (-0.2, 0.1), (0.2, 0.1), (0.0, -0.3)]
+    roof = np.array([(x, y, 0.0 if k < 3 else -bulge) for k, (x, y) in enumerate(corners)] + [(0.0, 0.0, -0.5)])
+    turn = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [tilt, 0.0, 1.0]])
+    beam = np.array([(-0.3, 0, 0), (0.3, 0, 0), (-0.3, 0.1, 0.2), (0.3, 0.1, 0.2), (-0.3, -0.1, 0.2), (0.3, -0.1, 0.2)])
+    scene = mbvi.Scene(gravity=(0, 0, 0))
+    scene.add_convex(roof, [(0.0, 0.0, 0.0)], mass=1.0)
+    scene.add_convex(beam @ turn.T, [(0.0, 0.02, 1.0)], mass=1.0)
+    problem = scene.build()
+    system, q = problem.system, problem.q0.copy()
+    ((family, _, _),) = problem.constraints.numbered()
+    q[9] -= float(family.row_gap(0.0, q, np.array([0]))[0])
+    features = FeatureRows(system)
+    rows = np.array(family.feature_rows(q, 0, 1e-8, features))
+    assert 0 < len(rows) <= 2
+    gaps = features.row_gap(0.0, q, rows)
+    np.testing.assert_allclose(gaps, 0.0, atol=1e-10)
+    # each is on both shapes, and the least of them is the distance
+    assert features.outside(q, rows).max() < 1e-8
+    assert gaps.min() == pytest.approx(float(family.row_gap(0.0, q, np.array([0]))[0]), abs=1e-10)
+
+
 def test_a_contact_rests_by_the_force_of_another_that_rests():
     """A ball in an acute corner: gravity alone would lift it off the leaning wall, the floor's force holds it there."""
     scene = mbvi.Scene(gravity=(-1.0, 0.0, -9.0), restitution=0.5)
