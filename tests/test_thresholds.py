@@ -11,7 +11,7 @@ from mbvi.projection import projector
 from mbvi.projection.dense import fused_step
 from mbvi.run import default_scheme
 from mbvi.scene import assembly
-from mbvi.schemes.event_driven import contact_rows as smooth
+from mbvi.schemes.event_driven.rows import contact_rows as smooth
 from mbvi.system import blocks as block_systems
 from mbvi.system.free import bodies, planar, sparse_rows
 from support.random_scenes import add_robot
