@@ -1,4 +1,4 @@
-"""Rows of touching polyhedra that keep their features: a vertex on a face or an edge across an edge.
+"""Rows of touching polyhedra, capsules and cylinders that keep their features, such as a vertex on a face.
 
 The distance of two polyhedra has a gradient that jumps where the nearest features change. As long as they do not, it is
 the distance of a vertex from the plane of a face, or of two lines: a smooth function of q.
@@ -60,7 +60,9 @@ _NOWHERE = _Touching(*np.zeros((7, 0)))
 
 
 class FeatureRows:
-    """Rows of pairs of polyhedra, each with the features that touched when it was found; more are added as they touch.
+    """Rows of pairs of polyhedra, or of one with a capsule or cylinder; more are added as they touch.
+
+    Each has the features that touched when it was found.
 
     Parameters
     ----------
@@ -84,7 +86,7 @@ class FeatureRows:
     def add(
         self, table: ShapeTable, sides: Array, q: Array, point: Array, normal: Array, alone: bool = False
     ) -> int | None:
-        """Add the row of two polyhedra that touch at a point; return its number, or None where features are unclear.
+        """Add the row of two such shapes that touch at a point; return its number, or None where features are unclear.
 
         If `alone`, features are also unclear where they may share more than that point.
 
@@ -111,7 +113,7 @@ class FeatureRows:
         if found is None:
             return None
         kind, parts, radius, shift = found
-        same = (self._kind == kind) & (self._bodies == bodies).all(axis=1) & (self._radius == radius)
+        same = (self._kind == kind) & (self._faces == np.array(ranges)).all(axis=(1, 2))
         same &= (np.abs(self._parts - parts) <= _SAME).all(axis=(1, 2, 3))
         if same.any():
             return int(same.argmax())

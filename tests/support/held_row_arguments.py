@@ -107,6 +107,13 @@ def _gaps_at(rng):
     return mechanism, parts, index, q, np.full(3, np.nan)
 
 
+def _points_at(rng):
+    mechanism, parts, index, q, _ = _some_of(rng)
+    # limits have no points
+    index = index[parts.kind[index] != LIMIT]
+    return mechanism, parts, row_room(), index, q, *np.full((2, len(index), 3), np.nan)
+
+
 def _gradients_at(rng):
     mechanism, parts, index, q, v = _some_of(rng)
     return mechanism, parts, row_room(), index, q, np.full((3, len(v)), np.nan)
@@ -253,6 +260,7 @@ HELD_ROW_ARGUMENTS = {
     "write_members": lambda rng: (*rng.integers(0, 9, size=(2, 5)), np.zeros(5, bool)),
     "gaps_at": _gaps_at,
     "gradients_at": _gradients_at,
+    "points_at": _points_at,
     "biases_at": _biases_at,
     "evaluate_row": _one_row,
     "write_row": lambda rng: (*(made := _one_row(rng))[:5], *made[6:]),

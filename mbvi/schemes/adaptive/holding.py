@@ -42,25 +42,37 @@ class HoldingCentered(Centered):
         super().__init__(project_positions=True)
         self._measure = measure
         self.resting: Rows | None = None
-        # those of them that have friction at the start of the step, and their slips [m/s]
+        # those of them that have friction at the start of the step, and their slips [m/s]; and that start
         self._rough: tuple[Rows, Array] | None = None
+        self._start: tuple[Array, Array] | None = None
+
+    def start_from(self, resting: Rows) -> None:
+        """Let these be the contacts at rest before the next step."""
+        self.resting, self._start = resting, None
 
     def step(self, problem: Problem, t: float, q: Array, v: Array, h: float, projector: Projector) -> Step:
         """See `Scheme`."""
-        self._rough = self._with_friction(problem, t, q, v)
+        # the whole step and its first half start alike
+        if self._start is None or self._start[0] is not q or self._start[1] is not v:
+            self._rough, self._start = self._with_friction(problem, t, q, v), (q, v)
         return self._from_the_start(super().step(problem, t, q, v, h, projector))
 
     def _from_the_start(self, step: Step) -> Step:
-        """Return a step whose slips before the law are those at its start, of contacts at rest with friction."""
+        """Return a step whose rates and slips before the law are those at its start, of contacts at rest with friction.
+
+        Those after the law are those at its end, as far as the turning of bodies goes.
+        """
         tangents = step.active.tangents
         if self._rough is None or step.slip is None or tangents is None or not len(self._rough[1]):
             return step
         here, before = self._rough
         assert here.tangents is not None
-        owner, slip = match_contacts(step.active, here), step.slip.copy()
+        owner, slip, rates = match_contacts(step.active, here), step.slip.copy(), step.rates.copy()
         known = owner >= 0
+        # gaps at rest do not change
+        rates[3, known] = 0.0
         slip[3, known, :2] = along_axes(before[owner], here.tangents.axes[owner], tangents.axes)[known]
-        return step._replace(slip=slip)
+        return step._replace(rates=rates, slip=slip)
 
     def _with_friction(self, problem: Problem, t: float, q: Array, v: Array) -> tuple[Rows, Array] | None:
         """Return the contacts at rest that have friction, and how they slip."""

@@ -195,7 +195,7 @@ class AdaptiveIntegrator:
         """Take one step, as long as its error allows."""
         problem, measure, projector = self._problem, self._measure, self._projector
         t, q, v, speed = self.t, self.q, self.v, self._measure.size(self.v)
-        self._scheme.resting = near.resting
+        self._scheme.start_from(near.resting)
         rough = problem.system.has_joint_friction
         slips = JointSlips(problem, measure, t, q, v, _FIRST) if rough else None
         wanted, cuts, cut, growth = self._h, 0, False, _GROWTH

@@ -1,4 +1,4 @@
-"""Finds when other features of two polyhedra become nearest than those whose rows are closed."""
+"""Finds when other features of two shapes become nearest than those whose rows are closed."""
 
 from __future__ import annotations
 

@@ -36,9 +36,9 @@ _SEARCHED = 100.0
 class SmoothRows:
     """Gaps and gradients of all rows, near or far; each row is a function of q with a fixed number.
 
-    A shape over a half-space has one row for each of its support points. A pair of polyhedra has one row, the distance
-    of the pair, whose gradient jumps: `smooth` says so. Where such a pair touches, rows of its features are added
-    behind all others.
+    A shape over a half-space has one row for each of its support points. A pair of other shapes has one row, its
+    distance, whose gradient jumps: `smooth` says so. Where such a pair touches, rows of its features are added behind
+    all others.
 
     Parameters
     ----------
@@ -283,6 +283,9 @@ class SmoothRows:
     def points(self, t: float, q: Array, index: Array) -> tuple[Array, Array]:
         """Return contact points and normals of some rows, shapes (k, 3); NaN where a row is no contact."""
         both = self._each(index, lambda family, rows: np.hstack(family.row_points(t, q, rows)), np.zeros((0, 6)))
+        if self.kernels is not None and (rims := self.kernels.rims[index]).any():
+            # any point of a rim that lies flat may be the lowest: it is to be that of the gradient
+            both[rims] = np.hstack(self.kernels.points(q, index[rims]))
         return both[:, :3], both[:, 3:]
 
     def _each(

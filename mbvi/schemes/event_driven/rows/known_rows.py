@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ....compiled import held, kernel, plain_array
+from ....constraints.feature_kernels import FACE_RIM, touch
 from ....constraints.mechanism.held_rows import (
     UNKNOWN,
     RowParts,
@@ -48,6 +49,16 @@ def biases_at(
         bias[i] = write_row(m, rows.kind[r], rows.sides[r], rows.parts[r], rows.radius[r], room, J[i])
 
 
+@kernel("void(Mechanism, RowParts, RowRoom, i8[::1], f8[::1], f8[:,::1], f8[:,::1])")
+def points_at(m: Mechanism, rows: RowParts, room: RowRoom, index: Array, q: Array, point: Array, normal: Array) -> None:
+    """Write where the features of some of the rows touch at q, and their normals, shapes (k, 3); they are no limits."""
+    place(m, q)
+    for i in range(len(index)):
+        r = index[i]
+        places = m.poses[rows.sides[r, 0]], m.poses[rows.sides[r, 1]]
+        touch(rows.kind[r], rows.parts[r], rows.radius[r], places[0], places[1], room.along, point[i], normal[i])
+
+
 class KnownRows:
     """The rows of one mechanism that kernels know.
 
@@ -62,8 +73,8 @@ class KnownRows:
     ----------
     mechanism, parts
         The same, as `held` returns them.
-    known : ndarray of bool, shape (m,)
-        Which rows kernels know.
+    known, rims : ndarray of bool, shape (m,)
+        Which rows kernels know, and which are rims on faces.
     """
 
     def __init__(self, mechanism: Mechanism, parts: RowParts) -> None:
@@ -73,7 +84,7 @@ class KnownRows:
 
     def set_parts(self, parts: RowParts) -> None:
         """Let all rows be these."""
-        self.parts, self.known = held(parts), parts.kind != UNKNOWN
+        self.parts, self.known, self.rims = held(parts), parts.kind != UNKNOWN, parts.kind == FACE_RIM
 
     def gaps(self, q: Array, index: Array) -> Array:
         """Return the gaps of some rows at q, shape (k,)."""
@@ -86,6 +97,12 @@ class KnownRows:
         J = np.empty((len(index), self._nv))
         gradients_at(self.mechanism, self.parts, self._room, index, plain_array(q), J)
         return J
+
+    def points(self, q: Array, index: Array) -> tuple[Array, Array]:
+        """Return contact points and normals of some rows at q that are features without radii, shapes (k, 3)."""
+        point, normal = np.empty((2, len(index), 3))
+        points_at(self.mechanism, self.parts, self._room, index, plain_array(q), point, normal)
+        return point, normal
 
     def biases(self, q: Array, v: Array, index: Array) -> Array:
         """Return (dJ/dt) v of some rows at q and v, shape (k,)."""
