@@ -24,8 +24,6 @@ class RowTable(NamedTuple):
         The least travel within which bodies can pass through each other [m]; None where they never can.
     featured : ndarray of bool, shape (k,), or None
         Whether `ConstraintFamily.feature_rows` knows the features of a row that is not smooth; None where of no row.
-    noise : ndarray, shape (k,), or None
-        Error of the gap of each row, in roundings of placements; None for 1, and 100 where a row is not smooth.
     """
 
     number: Array
@@ -34,4 +32,3 @@ class RowTable(NamedTuple):
     reach: Array | None = None
     thickness: Array | None = None
     featured: Array | None = None
-    noise: Array | None = None

@@ -27,8 +27,6 @@ from .pairs import Array, Contacts, Pairs
 _ROOM = 16
 # contacts of more pairs are not kept while bodies stand still: of so many some body always moves
 _MOST_KEPT = 1000
-# errors of distances that are searched, of polyhedra and of other shapes, in roundings of placements
-_NOISE, _ROUND_NOISE = 1e2, 1e4
 # placements are rounded to multiples of 1 / this (lengths in units of the shapes' size), about 1e-14, so that a body at
 # rest has the same placement, bit by bit, at every step
 _GRID = 2.0**47
@@ -145,9 +143,7 @@ class SignedDistances(Pairs):
             # rows of a union begin and end where those of its parts do not
             beside = (np.diff(self._shapes.seams.first_neighbour) > 0)[self._sides].any(axis=1)
             smooth, featured = smooth & ~beside, featured & ~beside
-        noise = np.where(smooth, 1.0, np.where(rounded[first] | rounded[second], _ROUND_NOISE, _NOISE))
-        more = self.reach(), self.thickness, featured, noise
-        return RowTable(np.arange(self.size), self.restitution, smooth, *more)
+        return RowTable(np.arange(self.size), self.restitution, smooth, self.reach(), self.thickness, featured)
 
     def feature_rows(self, q: Array, row: int, tolerance: float, features: FeatureRows) -> list[int]:
         pair, shapes = np.array([row]), (self._shapes, self._sides[row], q)

@@ -36,6 +36,8 @@ _SAFETY, _LEAST_FACTOR, _MOST_FACTOR, _EXPONENT = 0.8, 0.2, 10.0, 0.125
 _FIRST_STEP, _LEAST_STEP = 1e-3, 1e-13
 # most Newton steps to an event, and the correction for which a parabola is exact enough, relative to the step
 _MOST_NEWTON, _PARABOLA = 4, 1e-6
+# longest step to an event, relative to that to the root of its dense output: of a longer one the error is not known
+_MOST_LATE = 1.1
 # error of a step, relative to the largest one, below which its dense output is exact enough to end it at an event
 _SMALL = 0.01
 # part of the way to a stop that is taken where the motion is not known well enough up to it
@@ -268,7 +270,8 @@ class EventDrivenIntegrator(MotionState):
         for _ in range(_MOST_NEWTON if crossing is not None else 0):
             assert crossing is not None
             gap, rate, least = crossing(step.t + share * step.h, *step.at(self.system, share))
-            if abs(gap) < least or rate >= 0.0 or not 0.0 < share * step.h - gap / rate:
+            # beyond the step its polynomials are not the motion
+            if abs(gap) < least or rate >= 0.0 or not 0.0 < share * step.h - gap / rate <= step.h:
                 break
             share -= gap / rate / step.h
         cut = step.cut(self.system, share)
@@ -276,12 +279,12 @@ class EventDrivenIntegrator(MotionState):
 
     def _step_to_event(self, a: Array, h: float, crossing: Crossing | None) -> RungeKuttaStep:
         """Return a step of about length h that ends where something falls through zero, by Newton's method."""
-        step = self.flow.step(self.t, self.q, self.v, a, h, self.closed)
+        step, most = self.flow.step(self.t, self.q, self.v, a, h, self.closed), _MOST_LATE * h
         for _ in range(_MOST_NEWTON if crossing is not None else 0):
             assert crossing is not None
             gap, rate, least = crossing(step.t + h, step.q, step.v)
             # where the gap touches zero without falling through, Newton's method is no better than the dense output
-            if abs(gap) < least or rate >= 0.0 or not 0.0 < h - gap / rate:
+            if abs(gap) < least or rate >= 0.0 or not 0.0 < h - gap / rate <= most:
                 break
             late = -gap / rate
             if abs(late) < _PARABOLA * h:

@@ -6,7 +6,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 import mbvi
+from mbvi.constraints.feature_kernels import FACE_RIM
 from mbvi.constraints.pair_features import FeatureRows
+from mbvi.schemes.event_driven.rows.contact_rows import SmoothRows
 from support.robot_arguments import rotation, unit
 
 G = 9.81
@@ -98,6 +100,19 @@ def test_sliding_off_an_edge_across_it(kind, first):
     assert ends[0][0][2] < 0.08
 
 
+@pytest.mark.parametrize("restitution", [0.0, 0.5])
+@pytest.mark.parametrize(("x", "length"), [(0.2, 0.5), (0.0, 0.2), (0.02, 0.2)])
+@pytest.mark.parametrize("kind", ["capsule", "cylinder"])
+def test_a_rod_that_lands_on_edges_comes_to_rest(kind, x, length, restitution):
+    """Its ends strike in turns, less each time; landings that were found late would never get weaker."""
+    scene = mbvi.Scene(restitution=restitution)
+    scene.add_box((length, 0.4, 0.3), fixed=True)
+    _add(scene, kind, position=(x, 0.0, 0.15 + 0.1 + 0.01), rotation=(0.0, np.pi / 2 + 0.05, 0.0))
+    run = mbvi.simulate(scene.build(), mbvi.EventDriven(1e-6), duration=0.3)
+    assert len(run.impacts) < 200 and run.notes == ()
+    assert run.penetration().max() < 1e-7
+
+
 @st.composite
 def _touching(draw):
     """A box and a round shape in no order, that touch, turned at random; at times axes are along the box's."""
@@ -144,3 +159,35 @@ def test_rows_of_features_are_the_distance_nearby(made):
         assert found == pytest.approx(gap.min(), abs=1e-8 if len(rows) == 1 else 3e-7)
         rates = features.row_gradient(0.0, q, rows) @ move
         np.testing.assert_allclose(gap, rates, atol=5e-8)
+
+
+def test_a_rim_turns_with_its_derivatives(rng):
+    """(dJ/dt) v of a free cylinder's rims on a plane, along the normal and along tangents, against differences."""
+    scene = mbvi.Scene(friction=0.5)
+    scene.add_halfspace((0.3, 0.2, 1.0))
+    scene.add_cylinder(0.1, 0.3, position=(0, 0, 0.5), rotation=(0.4, 0.7, 0.1))
+    problem = scene.build()
+    system, rows = problem.system, SmoothRows(problem.constraints, 0.0, problem.q0)
+    rims = rows.all[(rows.parts(rows.all).kind == FACE_RIM)]
+    assert len(rims) == 2
+    v, h = rng.normal(size=system.nv), 1e-5
+
+    def at(x):
+        q = system.integrate(problem.q0, x * v)
+        return rows.gradients(0.0, q, rims), np.asarray(rows.tangents(0.0, q, rims).jacobian)
+
+    (J0, T0), (J1, T1) = at(-h), at(h)
+    np.testing.assert_allclose(rows.bias(0.0, problem.q0, v, rims), (J1 - J0) @ v / (2 * h), atol=1e-6)
+    np.testing.assert_allclose(rows.tangent_bias(0.0, problem.q0, v, rims), (T1 - T0) @ v / (2 * h), atol=1e-6)
+
+
+@pytest.mark.slow
+def test_a_cylinder_that_comes_to_stand_with_friction_gains_no_energy():
+    """The lowest point of its rim moves the faster the flatter it lies."""
+    scene = mbvi.Scene(friction=0.5, restitution=0.0)
+    scene.add_halfspace((0, 0, 1))
+    scene.add_cylinder(0.1, 0.3, position=(0, 0, 0.21), rotation=(0, 0.2, 0))
+    run = mbvi.simulate(scene.build(), mbvi.EventDriven(1e-6), duration=0.6)
+    energy = run.energy()
+    assert energy.max() <= energy[0] + 1e-6
+    assert run.q[-1, 2] == pytest.approx(0.15, abs=2e-3)

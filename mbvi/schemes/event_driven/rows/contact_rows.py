@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
-from ....constraints import AdmissibleSet, ConstraintFamily, RowTable
-from ....constraints.feature_kernels import FACE_VERTEX
+from ....constraints import AdmissibleSet, ConstraintFamily
+from ....constraints.feature_kernels import FACE_RIM, FACE_VERTEX
 from ....constraints.mechanism.held_rows import LIMIT, RowParts, unknown_parts
 from ....constraints.pair_features import FeatureRows
 from ....constraints.rows import Array, Rows
@@ -18,6 +17,8 @@ from ....system.free.sparse_rows import dense
 from ....system.lengths import velocity_units
 from .known_pairs import KnownPairs
 from .known_rows import KnownRows, known_rows
+from .rims import rim_biases
+from .row_columns import SEARCHED, completed, extent, measured_by
 from .row_sets import union, without
 
 # most sets of rows whose division into families is kept
@@ -29,8 +30,6 @@ _MOST_NUMBERS = 20_000_000
 _DIFFERENCE = 1e-3
 # rounding of gaps, relative to the largest distance of a body from the origin
 _ROUNDING = 1e-14
-# that of distances that are searched, from placements that are rounded, over that of others
-_SEARCHED = 100.0
 
 
 class SmoothRows:
@@ -87,27 +86,30 @@ class SmoothRows:
         self._units = velocity_units(constraints.system, length)
         self._parts: list[tuple[ConstraintFamily, slice]] = []
         nothing, none = np.zeros(0), np.zeros(0, bool)
-        empty = np.zeros(0, np.int64), nothing, none, np.zeros((0, self._system.nv)), nothing, none, nothing
+        empty = np.zeros(0, np.int64), nothing, none, np.zeros((0, self._system.nv)), nothing, none
         columns: list[tuple[Array, ...]] = [empty]
         start = 0
         for family, first, e in constraints.numbered():
             if not family.tracked or family.size * self._system.nv > _MOST_NUMBERS:
                 raise UnsuitableError("there are too many bodies for EventDriven: take StewartTrinkle or Centered")
-            table = _completed(family.row_table(t, q), e, self._system.nv)
+            table = completed(family.row_table(t, q), e, self._system.nv)
             columns.append((table[0] + first, *table[1:]))
             self._parts.append((family, slice(start, start + len(table[0]))))
             start += len(table[0])
-        self.number, self.restitution, self.smooth, self.reach, self.thickness, self.featured, noise = map(
+        self.number, self.restitution, self.smooth, self.reach, self.thickness, self.featured = map(
             np.concatenate, zip(*columns, strict=True)
         )
         self.all = self.pair = np.arange(start)
         self._features = FeatureRows(self._system)
         self.lever = np.broadcast_to(constraints.levers(self.number), (start,))
-        self.rounding = _ROUNDING * max(length, _extent(self._system, q)) / self.lever
-        self.rounding *= noise
+        self.rounding = _ROUNDING * max(length, extent(self._system, q)) / self.lever
+        self.rounding[~self.smooth] *= SEARCHED
         self.friction: Array | None = None
         self._splits: dict[bytes, list[tuple[ConstraintFamily | FeatureRows, Array]]] = {}
-        self.kernels = known_rows(self._system, self.parts(self.all))
+        parts = self.parts(self.all)
+        self.kernels = known_rows(self._system, parts)
+        # rims of discs on planes of the world
+        self._rims = (parts.kind == FACE_RIM) & (parts.sides[:, 0] == 0)
         self._pairs: dict[int, KnownPairs] = {}
         if self.kernels is not None:
             tables = ((family, family.pair_tables()) for family, _ in self._parts)
@@ -211,6 +213,9 @@ class SmoothRows:
         if (kernels := self._kernels_of(index)) is not None:
             return kernels.biases(q, v, index)
         bias = self._each(index, lambda family, rows: family.row_bias(t, q, v, rows), np.zeros(0))
+        if (rims := self._of_rims(index)).any():
+            parts, unknown = self.parts(index[rims]), np.zeros((np.count_nonzero(rims), 2, 3))
+            bias[rims] = rim_biases(self._system, q, v, parts, unknown)[0]
         unknown = np.isnan(bias)
         if unknown.any():
             bias[unknown] = self._difference(lambda place: self.gradients(t, place, index[unknown]), q, v)
@@ -248,7 +253,20 @@ class SmoothRows:
 
     def tangent_bias(self, t: float, q: Array, v: Array, index: Array) -> Array:
         """Return (dT/dt) v of the tangents T of some rows in ascending order, shape (2 k,)."""
-        return self._difference(lambda place: np.asarray(self.tangents(t, place, index).jacobian), q, v)
+        bias = self._difference(lambda place: np.asarray(self.tangents(t, place, index).jacobian), q, v)
+        if (rims := self._of_rims(index)).any():
+            # the lowest point of a rim that is nearly flat moves too fast for differences
+            axes = self.tangents(t, q, index).axes[rims]
+            exact = rim_biases(self._system, q, v, self.parts(index[rims]), axes)[1]
+            known = bias.reshape(-1, 2)
+            known[rims] = np.where(np.isnan(exact), known[rims], exact)
+        return bias
+
+    def _of_rims(self, index: Array) -> Array:
+        """Return which of some rows are rims of discs on planes of the world, shape (k,) of bool."""
+        found = index < len(self._rims)
+        found[found] = self._rims[index[found]]
+        return found
 
     def _difference(self, gradients: Callable[[Array], Array], q: Array, v: Array) -> Array:
         """Return (dJ/dt) v by differences of gradients along v."""
@@ -311,28 +329,3 @@ class SmoothRows:
                 if high > low
             ]
         return split
-
-
-def measured_by(family: ConstraintFamily | FeatureRows, t: float, q: Array, rows: Array, near: float) -> Array:
-    """Return what `SmoothRows.measured` does of the rows of one family."""
-    return family.row_gap(t, q, rows) if near == np.inf else family.row_lower_bound(t, q, rows)
-
-
-def _extent(system: Any, q: Array) -> float:
-    """Return the largest distance of a body from the origin [m]."""
-    bodies = np.arange(1, len(system.bodies))
-    return float(np.linalg.norm(system.placements(q, bodies)[:, 3], axis=1).max()) if bodies.size else 0.0
-
-
-def _completed(table: RowTable, e: float, nv: int) -> tuple[Array, ...]:
-    """Return the columns of a table, with the problem's e and infinite numbers in place of unknown ones."""
-    number, own, smooth, reach, thickness, featured, noise = table
-    return (
-        number,
-        np.where(np.isnan(own), e, own),
-        smooth,
-        np.full((len(number), nv), np.inf) if reach is None else reach,
-        np.full(len(number), np.inf) if thickness is None else thickness,
-        np.zeros(len(number), bool) if featured is None else featured,
-        np.where(smooth, 1.0, _SEARCHED) if noise is None else noise,
-    )

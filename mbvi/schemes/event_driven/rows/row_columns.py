@@ -1,0 +1,38 @@
+"""Columns of the rows of `SmoothRows`, and their gaps by the families."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ....constraints import ConstraintFamily, RowTable
+from ....constraints.pair_features import FeatureRows
+from ....constraints.rows import Array
+
+# that of distances that are searched, from placements that are rounded, over that of others
+SEARCHED = 100.0
+
+
+def measured_by(family: ConstraintFamily | FeatureRows, t: float, q: Array, rows: Array, near: float) -> Array:
+    """Return what `SmoothRows.measured` does of the rows of one family."""
+    return family.row_gap(t, q, rows) if near == np.inf else family.row_lower_bound(t, q, rows)
+
+
+def extent(system: Any, q: Array) -> float:
+    """Return the largest distance of a body from the origin [m]."""
+    bodies = np.arange(1, len(system.bodies))
+    return float(np.linalg.norm(system.placements(q, bodies)[:, 3], axis=1).max()) if bodies.size else 0.0
+
+
+def completed(table: RowTable, e: float, nv: int) -> tuple[Array, ...]:
+    """Return the columns of a table, with the problem's e and infinite numbers in place of unknown ones."""
+    number, own, smooth, reach, thickness, featured = table
+    return (
+        number,
+        np.where(np.isnan(own), e, own),
+        smooth,
+        np.full((len(number), nv), np.inf) if reach is None else reach,
+        np.full(len(number), np.inf) if thickness is None else thickness,
+        np.zeros(len(number), bool) if featured is None else featured,
+    )
