@@ -16,12 +16,10 @@ from ..system import System
 from .feature_bias import add_turning_biases
 from .feature_kernels import EDGES, FACE_VERTEX, VERTEX_FACE, touch_each, write_outside
 from .mechanism.held_rows import RowParts
-from .round_features import CROSS, LEVEL, NEAR, Features, ends_of, features_of_round, is_round
+from .round_features import CROSS, LEVEL, NEAR, SAME, Features, edges_through, ends_of, features_of_round, is_round
 from .rows import Array
 
 # lengths are relative to the bounding radius of the smaller shape
-# parts so near to others are the same
-_SAME = 1e-8
 # points this little below the outermost one belong to its edge, if that one is not where the shapes touch
 _WIDE = 1e-9
 # vertices so far beside the other shape do not touch it
@@ -114,7 +112,7 @@ class FeatureRows:
             return None
         kind, parts, radius, shift = found
         same = (self._kind == kind) & (self._faces == np.array(ranges)).all(axis=(1, 2))
-        same &= (np.abs(self._parts - parts) <= _SAME).all(axis=(1, 2, 3))
+        same &= (np.abs(self._parts - parts) <= SAME).all(axis=(1, 2, 3))
         if same.any():
             return int(same.argmax())
         self._kind, self._bodies = np.append(self._kind, kind), np.vstack([self._bodies, bodies])
@@ -306,27 +304,10 @@ def _crossing(
     first: Array, second: Array, level: list[Array], point: Array, normal: Array, bound: float
 ) -> tuple[tuple[int, int], tuple[int, int]] | None:
     """Return the ends of an edge of either shape that cross at a point, so ordered that their cross product is n."""
-    for i, j in _edges_through(first, level[0], point, normal, bound):
-        for k, m in _edges_through(second, level[1], point, normal, bound):
+    for i, j in edges_through(first, level[0], point, normal, bound):
+        for k, m in edges_through(second, level[1], point, normal, bound):
             d, e = first[j] - first[i], second[m] - second[k]
             turn = float(np.cross(d, e) @ normal)
             if abs(turn) > CROSS * np.linalg.norm(d) * np.linalg.norm(e):
                 return (i, j), (k, m) if turn > 0.0 else (m, k)
     return None
-
-
-def _edges_through(points: Array, level: Array, place: Array, normal: Array, bound: float) -> list[tuple[int, int]]:
-    """Return the ends of the edges of a flat convex polygon, of some points, that pass through a place."""
-    found, own = [], points[level] - place
-    for i in range(len(level)):
-        for j in range(i + 1, len(level)):
-            d = own[j] - own[i]
-            size = float(np.linalg.norm(d))
-            # the place is on the segment, and all other points are on one side of it
-            side = np.cross(normal, d / max(size, _SAME * bound)) @ own.T
-            one_side = side.max() <= NEAR * bound or side.min() >= -NEAR * bound
-            slack = NEAR * bound * size
-            on = abs(side[i]) <= NEAR * bound and own[i] @ d <= slack and own[j] @ d >= -slack
-            if size > _SAME * bound and (len(level) == 2 or (on and one_side)):
-                found.append((int(level[i]), int(level[j])))
-    return found

@@ -14,6 +14,8 @@ from .rows import Array
 # points this little below the outermost one belong to its face or edge; corners of a region that two faces share are so
 # near to vertices and edges
 LEVEL, NEAR = 1e-11, 1e-6
+# parts of features so near to others are the same
+SAME = 1e-8
 # sine of the angle of two edges above which they cross
 CROSS = 1e-6
 # sine of the angle between an axis and a direction along which it counts as parallel or at right angles; and one less
@@ -88,24 +90,26 @@ class _Polyhedron:
             normal = planes[:, :3] @ (place[:3] @ -towards)
             if normal.max() >= 1.0 - _SAME_FACE:
                 self.face = planes[normal.argmax()]
-            level = _edge_through(world, level, point, towards, bound)
-        if len(level) == 2:
-            d = own[level[1]] - own[level[0]]
-            self.edge = own[level[0]], d / np.linalg.norm(d)
+        for i, j in edges_through(world, level, point, towards, bound)[:1] if len(level) > 1 else ():
+            d = own[j] - own[i]
+            self.edge = own[i], d / np.linalg.norm(d)
 
 
-def _edge_through(points: Array, level: Array, place: Array, normal: Array, bound: float) -> Array:
-    """Return the ends of the edge of a flat convex polygon, of some points, that a place is on, or none."""
-    own = points[level] - place
+def edges_through(points: Array, level: Array, place: Array, normal: Array, bound: float) -> list[tuple[int, int]]:
+    """Return the ends of the edges of a flat convex polygon, of some points, that pass through a place."""
+    found, own = [], points[level] - place
     for i in range(len(level)):
-        for j in range(i):
+        for j in range(i + 1, len(level)):
             d = own[j] - own[i]
             size = float(np.linalg.norm(d))
-            side = np.cross(normal, d / max(size, NEAR * bound)) @ own.T
-            on = abs(side[i]) <= NEAR * bound and own[i] @ d <= 0.0 <= own[j] @ d
-            if on and (side.max() <= NEAR * bound or side.min() >= -NEAR * bound):
-                return level[[i, j]]
-    return level[:0]
+            # the place is on the segment, and all other points are on one side of it
+            side = np.cross(normal, d / max(size, SAME * bound)) @ own.T
+            one_side = side.max() <= NEAR * bound or side.min() >= -NEAR * bound
+            slack = NEAR * bound * size
+            on = abs(side[i]) <= NEAR * bound and own[i] @ d <= slack and own[j] @ d >= -slack
+            if size > SAME * bound and (len(level) == 2 or (on and one_side)):
+                found.append((int(level[i]), int(level[j])))
+    return found
 
 
 def features_of_round(

@@ -162,7 +162,7 @@ class SmoothRows:
             np.append(self.featured, np.zeros(count, bool)),
         )
         if self.kernels is not None:
-            self.kernels.set_parts(self.parts(np.arange(len(self.pair))))
+            self.kernels.add(self.parts(np.arange(len(self.pair) - count, len(self.pair))))
 
     def depths(self, index: Array, gap: Array) -> Array:
         """Return the greatest depths of contacts and of limits, shape (2,), where some rows have these gaps."""

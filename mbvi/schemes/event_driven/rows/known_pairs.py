@@ -21,7 +21,8 @@ def write_distances(
     place_bodies(m, shapes)
     chosen = shapes.others[:1]
     for i in range(len(pairs)):
-        distance[i], chosen[0] = distance_of(tables, shapes, pairs[i], near), pairs[i]
+        # the pair is then the chosen one
+        distance[i] = distance_of(tables, shapes, pairs[i], near)
         if distance[i] > 0.0:
             continue
         # the normals of faces are more exact than those that were found

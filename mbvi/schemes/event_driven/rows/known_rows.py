@@ -12,6 +12,7 @@ from ....constraints.mechanism.held_rows import (
     RowRoom,
     evaluate_row,
     row_room,
+    unknown_parts,
     write_gaps_of,
     write_row,
 )
@@ -79,11 +80,12 @@ class KnownRows:
 
     def __init__(self, mechanism: Mechanism, parts: RowParts) -> None:
         self.mechanism, self._nv = held(mechanism), len(mechanism.parent)
-        self._room = held(row_room())
-        self.set_parts(parts)
+        self._room, self._all = held(row_room()), unknown_parts(0)
+        self.add(parts)
 
-    def set_parts(self, parts: RowParts) -> None:
-        """Let all rows be these."""
+    def add(self, parts: RowParts) -> None:
+        """Add rows behind the others."""
+        parts = self._all = RowParts(*map(np.concatenate, zip(self._all, parts, strict=True)))
         self.parts, self.known, self.rims = held(parts), parts.kind != UNKNOWN, parts.kind == FACE_RIM
 
     def gaps(self, q: Array, index: Array) -> Array:
