@@ -418,10 +418,10 @@ def test_a_suction_cup_that_also_controls_holds_what_it_touches(scheme):
 
 
 def test_a_switch_within_steps_of_paoli_comes_at_the_end_of_one():
-    """A cylinder stands on a box, where gradients jump."""
+    """A cylinder stands on another one, where gradients jump."""
     scene = mbvi.Scene()
     scene.add_halfspace((0, 0, 1), name="floor")
-    scene.add_box((0.6, 0.6, 0.2), 4.0, position=(0, 0, 0.1), name="table")
+    scene.add_cylinder(0.3, 0.2, 4.0, position=(0, 0, 0.1), name="table")
     scene.add_cylinder(0.1, 0.3, 1.0, position=(0, 0, 0.35), name="can")
     scene.add_box((0.1, 0.1, 0.1), 0.5, position=(0, 0, 1.0), name="load")
     scene.weld("can", "load", name="grasp", active=False)

@@ -16,8 +16,8 @@ from .rows.few_rows import few_rows, held_rows
 from .rows.row_sets import members, union, without
 from .runge_kutta import velocity_change
 
-# height of a bounce that is put to rest, in lengths of the scene, and in roundings of its gap: what is found so late
-# lands as fast again
+# height of a bounce that is put to rest, in lengths of the scene, and of features in roundings of the gap: landings of
+# these are found so late that they land as fast again
 _BOUNCE, _ROUNDED = 1e-14, 10.0
 # impacts accumulate if less than this time lies between them [s], and if no gap opens in between by more than this many
 # times `MotionState.touching`; they are then followed as single impacts
@@ -127,7 +127,8 @@ def _resting(state: MotionState, touching: Array, J: Array, metric: Metric, e: A
     free, _, _, wanted, _ = state.flow.contact_equations(state.t, state.q, state.v, touching)
     smooth = state.rows.smooth[touching]
     sure = (rates <= still) & smooth
-    least = np.maximum(_BOUNCE * state.problem.length, _ROUNDED * state.rows.rounding[touching])
+    features = touching >= len(state.rows.all)
+    least = np.maximum(_BOUNCE * state.problem.length, _ROUNDED * features * state.rows.rounding[touching])
     flat = state.rows.lever[touching] * rates**2, 2.0 * least
     rest = sure
     # the contact forces of rows that rest act on the others, so that more of them may rest

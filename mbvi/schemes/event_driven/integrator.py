@@ -36,7 +36,7 @@ _SAFETY, _LEAST_FACTOR, _MOST_FACTOR, _EXPONENT = 0.8, 0.2, 10.0, 0.125
 _FIRST_STEP, _LEAST_STEP = 1e-3, 1e-13
 # most Newton steps to an event, and the correction for which a parabola is exact enough, relative to the step
 _MOST_NEWTON, _PARABOLA = 4, 1e-6
-# longest step to an event, relative to that to the root of its dense output: of a longer one the error is not known
+# how far Newton's method may lead, relative to the step whose error is known
 _MOST_LATE = 1.1
 # error of a step, relative to the largest one, below which its dense output is exact enough to end it at an event
 _SMALL = 0.01
@@ -224,7 +224,7 @@ class EventDrivenIntegrator(MotionState):
             stops = share == release and self.modes is not None and self.modes.stopped >= 0
             crossing = self._crossing(NO_ROWS if first is pairs else first, stops)
             exact = error < _SMALL or stops
-            step = self._cut(step, share, crossing) if exact else self._step_to_event(a, share * h, crossing)
+            step = self._cut(step, share, crossing) if exact else self._step_to_event(a, share * h, crossing, h)
         return step, factor, share, first
 
     def _shorter(self, h: float, factor: float, error: MbviError | None = None) -> float:
@@ -270,21 +270,23 @@ class EventDrivenIntegrator(MotionState):
         for _ in range(_MOST_NEWTON if crossing is not None else 0):
             assert crossing is not None
             gap, rate, least = crossing(step.t + share * step.h, *step.at(self.system, share))
-            # beyond the step its polynomials are not the motion
-            if abs(gap) < least or rate >= 0.0 or not 0.0 < share * step.h - gap / rate <= step.h:
+            if abs(gap) < least or rate >= 0.0 or not 0.0 < share * step.h - gap / rate <= _MOST_LATE * step.h:
                 break
             share -= gap / rate / step.h
         cut = step.cut(self.system, share)
         return cut._replace(a=self.flow.acceleration(cut.t + cut.h, cut.q, cut.v, self.closed))
 
-    def _step_to_event(self, a: Array, h: float, crossing: Crossing | None) -> RungeKuttaStep:
-        """Return a step of about length h that ends where something falls through zero, by Newton's method."""
-        step, most = self.flow.step(self.t, self.q, self.v, a, h, self.closed), _MOST_LATE * h
+    def _step_to_event(self, a: Array, h: float, crossing: Crossing | None, longest: float) -> RungeKuttaStep:
+        """Return a step of about length h that ends where something falls through zero, by Newton's method.
+
+        The error of a step of the length `longest` is known to be small.
+        """
+        step = self.flow.step(self.t, self.q, self.v, a, h, self.closed)
         for _ in range(_MOST_NEWTON if crossing is not None else 0):
             assert crossing is not None
             gap, rate, least = crossing(step.t + h, step.q, step.v)
             # where the gap touches zero without falling through, Newton's method is no better than the dense output
-            if abs(gap) < least or rate >= 0.0 or not 0.0 < h - gap / rate <= most:
+            if abs(gap) < least or rate >= 0.0 or not 0.0 < h - gap / rate <= _MOST_LATE * longest:
                 break
             late = -gap / rate
             if abs(late) < _PARABOLA * h:

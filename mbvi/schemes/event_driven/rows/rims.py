@@ -24,7 +24,7 @@ def rim_biases(system: System, q: Array, v: Array, parts: RowParts, axes: Array)
     axes : ndarray, shape (k, 2, 3)
         The tangents.
     """
-    bodies, n, k = parts.sides[:, 1], parts.parts[:, 0, 1], len(parts.kind)
+    bodies, n, k = parts.sides[:, 1].copy(), parts.parts[:, 0, 1], len(parts.kind)
     places = system.placements(q, bodies)
     own_axis = parts.parts[:, 1, 1]
     axis = np.einsum("ki,kij->kj", own_axis, places[:, :3])
