@@ -138,21 +138,6 @@ def _drifted(rng):
     return motion, rows, q, v, np.full(len(rows.kind), np.nan)
 
 
-def _errors(rng):
-    nv, stages = int(rng.integers(1, 5)), int(rng.integers(2, 5))
-    K, weights = rng.normal(size=(stages + 2, 2 * nv)), rng.normal(size=(2, stages))
-    K[rng.random(K.shape) < 0.1] = rng.choice([0.0, np.nan])
-    K[:, 0] *= rng.choice([0.0, 1.0])
-    return K, weights, 0.1, 1.2, np.full(nv, np.nan), np.full(2 * nv, np.nan)
-
-
-def _error(rng):
-    nv = int(rng.integers(1, 5))
-    error = rng.random(int(rng.integers(2, 4)) * nv)
-    error[rng.integers(len(error))] = rng.choice([0.0, np.nan, 2.0])
-    return error, rng.normal(scale=3.0, size=nv), 0.1 + rng.random(nv)
-
-
 def _interpolated(rng):
     degree, count = int(rng.integers(2, 6)), int(rng.integers(1, 4))
     values = rng.normal(size=(degree + 1, count)) + rng.choice([0.0, 3.0, 30.0])
@@ -265,8 +250,6 @@ HELD_ROW_ARGUMENTS = {
     "evaluate_row": _one_row,
     "write_row": lambda rng: (*(made := _one_row(rng))[:5], *made[6:]),
     "remove_drift_of": _drifted,
-    "write_errors": _errors,
-    "largest_error": _error,
     "interpolation_error": lambda rng: (*_interpolated(rng)[::2], 0),
     "write_soonest": _interpolated,
     "write_candidates": _may_close,

@@ -7,7 +7,6 @@ from functools import partial
 
 import numpy as np
 
-from ...compiled import plain_array
 from ...constraints.contact import Contact
 from ...errors import DivergedError, MbviError, ProjectionError
 from ...problem import Problem
@@ -25,7 +24,6 @@ from .impact_event import ImpactEvent
 from .motion_state import NO_ROWS, MotionState
 from .rows.row_sets import members, union
 from .runge_kutta import RungeKuttaStep
-from .step_errors import largest_error
 
 # largest error of one step, relative to the tolerance
 _LOCAL = 0.3
@@ -250,7 +248,10 @@ class EventDrivenIntegrator(MotionState):
 
     def _error(self, step: RungeKuttaStep) -> float:
         """Return the local error relative to the error that is allowed."""
-        return largest_error(step.error, plain_array(step.v), self.units) / (_LOCAL * self.tolerance)
+        speed = float(np.abs(step.v / self.units).max(initial=1.0))
+        in_chart, *of_v = (step.error.reshape(-1, len(step.v)) / self.units).max(axis=1, initial=0.0).tolist()
+        # np.maximum keeps a NaN
+        return float(np.maximum(in_chart, np.max(of_v) / speed) / (_LOCAL * self.tolerance))
 
     def _crossing(self, first: Array, stops: bool) -> Crossing | None:
         """Return what falls through zero at an event: the gap of a row, or a slip; None if neither does."""
