@@ -601,6 +601,8 @@ from support.comparisons import same_states
 from support.scenes import hopper_and_brick
 compile_all()
 for scheme, step in (mbvi.Paoli(), 1e-3), (mbvi.Centered(project_positions=True), 1e-3), (mbvi.EventDriven(1e-9), None):
+    # imports what the scheme needs, which may take longer than the time until the interrupt
+    mbvi.simulate(hopper_and_brick(), scheme, step=step, duration=1e-2)
     for out in (None, sys.argv[1]):
         threading.Timer(0.4, os.kill, (os.getpid(), signal.SIGINT)).start()
         try:
