@@ -221,10 +221,8 @@ class MechanismStages:
     ----------
     system : ArticulatedSystem
         What moves.
-    rows : SmoothRows
-        The rows of its constraints.
     kernels : KnownRows
-        Those of them that kernels know.
+        The rows of its constraints.
 
     Attributes
     ----------
@@ -234,8 +232,8 @@ class MechanismStages:
         Those that kernels know.
     """
 
-    def __init__(self, system: ArticulatedSystem, rows: SmoothRows, kernels: KnownRows) -> None:
-        self._system, self._rows, self.rows = system, rows, kernels
+    def __init__(self, system: ArticulatedSystem, kernels: KnownRows) -> None:
+        self._system, self.rows = system, kernels
         self.motion: SmoothMotion = held(smooth_motion(kernels.mechanism, system.nq, system.nv))
         self._sets: dict[bytes, HeldRows | None] = {}
 
@@ -282,7 +280,7 @@ class MechanismStages:
         if key not in self._sets:
             if len(self._sets) >= _MOST_SETS:
                 self._sets.clear()
-            parts = self._rows.parts(closed)
+            parts = self.rows.parts_of(closed)
             unknown = (parts.kind == UNKNOWN).any()
             self._sets[key] = None if unknown else held(held_rows_of(parts, self._system.nv))
         return self._sets[key]
@@ -291,4 +289,4 @@ class MechanismStages:
 def stages_of(system: System, rows: SmoothRows) -> MechanismStages | None:
     """Return the kernels for a system that is one mechanism of usual joints without equalities, else None."""
     kernels = rows.kernels
-    return None if kernels is None else MechanismStages(cast("ArticulatedSystem", system), rows, kernels)
+    return None if kernels is None else MechanismStages(cast("ArticulatedSystem", system), kernels)

@@ -88,6 +88,10 @@ class KnownRows:
         parts = self._all = RowParts(*map(np.concatenate, zip(self._all, parts, strict=True)))
         self.parts, self.known, self.rims = held(parts), parts.kind != UNKNOWN, parts.kind == FACE_RIM
 
+    def parts_of(self, index: Array) -> RowParts:
+        """Return what some rows are."""
+        return RowParts(*(column[index] for column in self._all))
+
     def gaps(self, q: Array, index: Array) -> Array:
         """Return the gaps of some rows at q, shape (k,)."""
         gap = np.empty(len(index))
