@@ -17,8 +17,6 @@ from .measure import Measure
 
 # travel in a step up to which gaps are looked at, and the most, in lengths of the scene
 _TRAVEL, _FARTHEST = 2.0, 0.5
-# gap up to which contacts at rest are looked for, in lengths of the scene
-_CLOSED = 1e-4
 
 
 class HoldingCentered(Centered):
@@ -79,7 +77,7 @@ class HoldingCentered(Centered):
         resting = self.resting
         if resting is None or resting.tangents is None or not (resting.tangents.friction > 0.0).any():
             return None
-        here = problem.constraints.active(t, q, max(_CLOSED * problem.length, 4.0 * self._measure.gap))
+        here = problem.constraints.active(t, q, 4.0 * self._measure.gap)
         here = take(here, match_contacts(here, resting) >= 0)
         return None if here.tangents is None else (here, here.tangents.slip(v)[:, :2])
 
