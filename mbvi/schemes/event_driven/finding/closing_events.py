@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
+
 import numpy as np
 
 from ....compiled import kernel
-from ....constraints import ConstraintFamily
-from ....constraints.pair_features import FeatureRows
 from ....system import System
 from ....system.system import Array
 from ..rows.contact_rows import SmoothRows, measured_by
@@ -170,11 +171,7 @@ class ClosingEvents:
     def _along(self, step: RungeKuttaStep, shares: Array, index: Array, near: float) -> Array:
         """Return gaps of some rows, or lower bounds of those above `near`, at n shares of the step, shape (n, k)."""
         if self._kernels is None:
-            found = np.empty((len(shares), len(index)))
-            for i, share in enumerate(shares.tolist()):
-                q = step.at(self._system, share)[0] if share < 1.0 else step.q
-                found[i] = self._rows.measured(step.t + share * step.h, q, index, near)
-            return found
+            return self._in_turn(step, shares, lambda t, q: self._rows.measured(t, q, index, near))
         kernels, known = self._kernels, self._kernels.rows.known[index]
         way = step.dense, step.h, shares, step.q0, step.v0
         if known.all():
@@ -184,7 +181,7 @@ class ClosingEvents:
             found[:, known] = kernels.gaps_along(way, index[known])
         found[:, ~known] = np.hstack(
             [
-                self._along_in_turn(step, shares, family, own, near)
+                self._in_turn(step, shares, partial(measured_by, family, rows=own, near=near))
                 if pairs is None
                 else kernels.distances_along(way, pairs, own, near)
                 for family, own, pairs in self._rows.with_kernels(index[~known])
@@ -192,12 +189,7 @@ class ClosingEvents:
         )
         return found
 
-    def _along_in_turn(
-        self, step: RungeKuttaStep, shares: Array, family: ConstraintFamily | FeatureRows, own: Array, near: float
-    ) -> Array:
-        """Return what `_along` does of rows of one family, one place after the other."""
-        found = np.empty((len(shares), len(own)))
-        for i, share in enumerate(shares.tolist()):
-            q = step.at(self._system, share)[0] if share < 1.0 else step.q
-            found[i] = measured_by(family, step.t + share * step.h, q, own, near)
-        return found
+    def _in_turn(self, step: RungeKuttaStep, shares: Array, measure: Callable[[float, Array], Array]) -> Array:
+        """Return what `measure` returns of time and configuration at n shares of the step, shape (n, k)."""
+        states = ((share, step.at(self._system, share)[0] if share < 1.0 else step.q) for share in shares.tolist())
+        return np.array([measure(step.t + share * step.h, q) for share, q in states])
