@@ -255,7 +255,7 @@ class ConstraintFamily(ABC):
         """Return what some rows are, for kernels; by default these do not know them."""
         return unknown_parts(len(rows))
 
-    def pair_tables(self) -> tuple[tuple[Array, ...], Any] | None:  # noqa: B027
+    def loop_tables(self) -> tuple[tuple[Array, ...], Any] | None:  # noqa: B027
         """Return what `write_distances` takes, if the rows are distances of pairs of shapes, else None."""
 
     def check_rows(self, t: float, q: Array, rows: Array) -> None:  # noqa: B027

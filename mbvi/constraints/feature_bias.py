@@ -46,30 +46,35 @@ def edges_bias(
     return bias
 
 
-@kernel("f8(i8, f8[::1], f8[:,::1], f8[:,::1], f8[:,::1])")
-def rolling_bias(disc: int, n: Array, along: Array, turning: Array, across: Array) -> float:
-    """Return what the way of the lowest point along a rim adds; `disc` is the side that has it."""
+@kernel("UniTuple(f8, 3)(i8, f8[::1], f8[:,::1], f8[:,::1], f8[:,::1])")
+def way_along_rim(
+    disc: int, n: Array, along: Array, turning: Array, across: Array
+) -> tuple[float, float, float]:  # fmt: skip
+    """Return the velocity of the lowest point of a rim relative to its body; `disc` is the side that has it.
+
+    Zero where the disc lies flat, so that any point may be the lowest. The other arguments are those of `turning_bias`.
+    """
     axis, sign = along[disc], 1.0 if disc == 1 else -1.0
     radius = np.sqrt(axis[0] * axis[0] + axis[1] * axis[1] + axis[2] * axis[2])
-    bias = part = size = share = change = grows = 0.0
+    up, rate = np.empty(3), np.empty(3)
+    size = share = change = grows = 0.0
     for k in range(3):
         share += sign * n[k] * axis[k] / radius
         change += sign * (across[1 - disc, k] * axis[k] + n[k] * turning[disc, k]) / radius
     for k in range(3):
-        size += (sign * n[k] - share * axis[k] / radius) ** 2
+        up[k] = sign * n[k] - share * axis[k] / radius
+        rate[k] = sign * across[1 - disc, k] - (change * axis[k] + share * turning[disc, k]) / radius
+        size += up[k] * up[k]
     size = np.sqrt(size)
     if size <= LEVEL:
-        return 0.0
+        return 0.0, 0.0, 0.0
     for k in range(3):
-        up = (sign * n[k] - share * axis[k] / radius) / size
-        grows += up * (sign * across[1 - disc, k] - (change * axis[k] + share * turning[disc, k]) / radius)
+        grows += up[k] * rate[k] / size
     for k in range(3):
-        up = (sign * n[k] - share * axis[k] / radius) / size
         # the rate of the direction from the lowest point to the centre, less that within the disc
-        part = sign * across[1 - disc, k] - (change * axis[k] + share * turning[disc, k]) / radius - grows * up
-        part -= sign * across[disc, k] - share * turning[disc, k] / radius
-        bias += sign * (across[disc, k] - across[1 - disc, k]) * radius * part / size
-    return bias
+        within = sign * across[disc, k] - share * turning[disc, k] / radius
+        rate[k] = -radius * (rate[k] - grows * up[k] / size - within) / size
+    return rate[0], rate[1], rate[2]
 
 
 @kernel("f8(i8, f8, f8[::1], f8[:,::1], f8[:,::1], f8[:,::1], f8, f8, f8)")
@@ -106,7 +111,9 @@ def turning_bias(
     # the normal turns with the body that has the face
     bias = 2.0 * along_vector(across, 1 if kind == VERTEX_FACE or kind == RIM_FACE else 0, x, y, z)
     if kind == FACE_RIM or kind == RIM_FACE:
-        bias += rolling_bias(1 if kind == FACE_RIM else 0, n, along, turning, across)
+        disc = 1 if kind == FACE_RIM else 0
+        u, v, w = way_along_rim(disc, n, along, turning, across)
+        bias += along_vector(across, 0, u, v, w) - along_vector(across, 1, u, v, w)
     return bias
 
 

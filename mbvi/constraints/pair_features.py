@@ -6,15 +6,14 @@ the distance of a vertex from the plane of a face, or of two lines: a smooth fun
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from ..geometry.shapes.shape_table import ShapeTable
 from ..geometry.shapes.shapes import PlacedShape
 from ..system import System
 from .feature_bias import add_turning_biases
-from .feature_kernels import EDGES, FACE_VERTEX, VERTEX_FACE, touch_each, write_outside
+from .feature_kernels import EDGES, FACE_VERTEX, VERTEX_FACE, write_outside
+from .feature_motion import NOWHERE, Touching, motion_of, places_of, touching
 from .mechanism.held_rows import RowParts
 from .round_features import CROSS, LEVEL, NEAR, SAME, Features, edges_through, ends_of, features_of_round, is_round
 from .rows import Array
@@ -42,21 +41,6 @@ def _faces(placed: PlacedShape) -> Array:
     return planes * np.array([1.0, 1.0, 1.0, -1.0])
 
 
-class _Touching(NamedTuple):
-    """Where rows touch: bodies, kinds, placements, directions on either body in the world, gaps, points and normals."""
-
-    bodies: Array
-    kind: Array
-    places: Array
-    along: Array
-    gap: Array
-    point: Array
-    normal: Array
-
-
-_NOWHERE = _Touching(*np.zeros((7, 0)))
-
-
 class FeatureRows:
     """Rows of pairs of polyhedra, or of one with a capsule or cylinder; more are added as they touch.
 
@@ -79,7 +63,7 @@ class FeatureRows:
         # faces of shapes in frames of bodies; where those of both shapes of each row begin and end, and of each shape
         self._planes, self._faces = np.zeros((0, 4)), np.zeros((0, 2, 2), np.int64)
         self._known: dict[int, tuple[int, int]] = {}
-        self._last_key, self._last = b"", _NOWHERE
+        self._last_key, self._last = b"", NOWHERE
 
     def add(
         self, table: ShapeTable, sides: Array, q: Array, point: Array, normal: Array, alone: bool = False
@@ -107,7 +91,9 @@ class FeatureRows:
         ranges = [self._known[id(shape)] for shape in shapes]
         faces = [self._planes[begin:end] for begin, end in ranges]
         features = features_of_round if any(map(is_round, shapes)) else _features
-        found = features(shapes, faces, self._places(q, bodies), float(table.bound[sides].min()), point, normal, alone)
+        found = features(
+            shapes, faces, places_of(self._system, q, bodies), float(table.bound[sides].min()), point, normal, alone
+        )
         if found is None:
             return None
         kind, parts, radius, shift = found
@@ -130,7 +116,7 @@ class FeatureRows:
         if any(map(is_round, shapes)):
             return np.zeros((0, 3))
         bound, level = float(table.bound[sides].min()), []
-        places = self._places(q, np.array([shape.body for shape in shapes]))
+        places = places_of(self._system, q, np.array([shape.body for shape in shapes]))
         for shape, place, sign in zip(shapes, places, (1.0, -1.0), strict=True):
             world = (shape.shape.support_points()[0] @ shape.rotation.T + shape.position) @ place[:3] + place[3]
             below = (sign * (world @ normal)).max() - sign * (world @ normal)
@@ -138,28 +124,12 @@ class FeatureRows:
             level.append(world[below <= least * bound])
         return _overlap(level[0], level[1], normal)
 
-    def _places(self, q: Array, bodies: Array) -> Array:
-        """Return the placements of some bodies, shape (k, 4, 3); the world's is the identity."""
-        places = np.zeros((len(bodies), 4, 3))
-        places[:, :3] = np.eye(3)
-        moving = bodies > 0
-        places[moving] = self._system.placements(q, bodies[moving])
-        return places
-
-    def _at(self, q: Array, rows: Array) -> _Touching:
+    def _at(self, q: Array, rows: Array) -> Touching:
         """Return where some rows touch; kept, because gradients and their change are wanted at the same place."""
         key = q.tobytes() + rows.tobytes()
         if key != self._last_key:
-            self._last_key, self._last = key, self._found(q, rows)
+            self._last_key, self._last = key, touching(self._system, q, self.row_parts(rows))
         return self._last
-
-    def _found(self, q: Array, rows: Array) -> _Touching:
-        """Return what `_at` keeps."""
-        bodies, kind = self._bodies[rows], self._kind[rows]
-        places, parts = self._places(q, bodies.ravel()).reshape(-1, 2, 4, 3), self._parts[rows]
-        along, gap, (point, normal) = np.empty((len(rows), 2, 3)), np.empty(len(rows)), np.empty((2, len(rows), 3))
-        touch_each(kind, parts, self._radius[rows], places, along, gap, point, normal)
-        return _Touching(bodies, kind, places, along, gap, point, normal)
 
     def outside(self, q: Array, rows: Array) -> Array:
         """Return how far the contact points of some rows are outside the shapes, beyond their gaps, shape (k,) [m]."""
@@ -167,7 +137,7 @@ class FeatureRows:
         write_outside(at.kind, at.places, at.gap, self._on_surfaces(at, rows), self._planes, self._faces[rows], found)
         return found
 
-    def _on_surfaces(self, at: _Touching, rows: Array) -> Array:
+    def _on_surfaces(self, at: Touching, rows: Array) -> Array:
         """Return the contact points of some rows on the surfaces, shape (k, 3)."""
         return np.asarray(at.point + self._shift[rows, None] * at.normal)
 
@@ -185,21 +155,12 @@ class FeatureRows:
 
     def row_bias(self, t: float, q: Array, v: Array, rows: Array) -> Array:
         """Return (dJ/dt) v of some rows where they touch, shape (k,)."""
-        at, k = self._at(q, rows), len(rows)
-        # the velocities of either body at the contact point, and at that point moved by `along` and by the normal
-        ways = np.stack([np.zeros((k, 2, 3)), at.along, np.repeat(at.normal[:, None], 2, axis=1)], axis=2)
-        points = at.point[:, None, None] + ways
-        many, bodies = np.repeat(points.reshape(-1, 3), 3, axis=0), np.repeat(at.bodies.ravel(), 9)
-        axes = np.tile(np.eye(3), (6 * k, 1))
-        moved = (self._system.separation_rows(q, np.zeros_like(bodies), bodies, many, axes) @ v).reshape(k, 2, 3, 3)
-        sliding = moved[:, 1, 0] - moved[:, 0, 0]
-        turning, across = (np.ascontiguousarray(moved[:, :, way] - moved[:, :, 0]) for way in (1, 2))
-        own = ((at.point[:, None] - at.places[:, :, 3])[:, :, None, :] @ at.places[:, :, :3].swapaxes(2, 3))[:, :, 0]
-        bias, moving = np.zeros((2 * k, 3)), at.bodies.ravel() > 0
-        bias[moving] = self._system.point_bias(q, v, at.bodies.ravel()[moving], own.reshape(-1, 3)[moving])
-        change = np.vecdot(bias[1::2] - bias[::2], at.normal)
-        radius = self._radius[rows]
-        add_turning_biases(at.kind, radius, at.normal, at.along, turning, across, sliding, change)
+        at = self._at(q, rows)
+        motion = motion_of(self._system, q, v, at)
+        change = np.vecdot(motion.acceleration[:, 1] - motion.acceleration[:, 0], at.normal)
+        sliding = motion.velocity[:, 1] - motion.velocity[:, 0]
+        of_features = at.along, motion.turning(at.along), motion.turning(at.normal[:, None])
+        add_turning_biases(at.kind, self._radius[rows], at.normal, *of_features, sliding, change)
         return change
 
     def row_parts(self, rows: Array) -> RowParts:

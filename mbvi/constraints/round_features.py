@@ -127,11 +127,10 @@ def features_of_round(
     assert isinstance(shape, Capsule | Cylinder)
     axis, centre, half = placed.rotation[:, 2], placed.position, 0.5 * shape.length
     straight = float(axis @ (place[:3] @ towards))
-    along = float(((point - place[3]) @ place[:3].T - centre) @ axis)
+    along = float((place[:3] @ (point - place[3]) - centre) @ axis)
     other = _Polyhedron(shapes[1 - k], planes[1 - k], places[1 - k], bound, point, towards)
     at_end = abs(along) >= half - NEAR * bound
     end = centre + np.copysign(half, along if abs(straight) <= _STRAIGHT else straight) * axis
-    flat = other.vertex is None and other.edge is None
     if isinstance(shape, Cylinder) and abs(straight) > _STRAIGHT:
         if abs(straight) >= 1.0 - _STRAIGHT**2:
             unclear = alone and other.vertex is None
@@ -143,11 +142,8 @@ def features_of_round(
         along_axis = np.linalg.norm(np.cross(d, axis @ place[:3])) <= CROSS * np.linalg.norm(d)
         if alone and len(other.level) > 1 and (len(other.level) > 2 or along_axis):
             return None
-        if isinstance(shape, Cylinder) and at_end and other.face is not None and flat:
-            return _on_rim(shape.radius, axis, end, other, k)
         if isinstance(shape, Cylinder) and at_end and not (along_axis and len(other.level) == 2):
-            # a rim
-            return None
+            return _on_rim(shape.radius, axis, end, other, k)
         if isinstance(shape, Cylinder) or not at_end:
             return _on_side(shape.radius, axis, centre, point, normal, places, other, k)
     return _at_end(shape.radius, end, other, k)

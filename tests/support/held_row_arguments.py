@@ -255,7 +255,7 @@ HELD_ROW_ARGUMENTS = {
     "write_candidates": _may_close,
     "write_outside": _outside,
     "lowest_of_rim": _disc,
-    "rolling_bias": _rolling,
+    "way_along_rim": _rolling,
     "along_vector": lambda rng: (rng.normal(size=(2, 3)), int(rng.integers(2)), *rng.normal(size=3).tolist()),
     "edges_bias": lambda rng: _turning(rng)[1:],
     "touch": _touch,

@@ -22,7 +22,9 @@ from ...geometry.shapes.shape_table import indexed
 from ...geometry.shapes.shapes import HalfSpace, PlacedShape, graph_of
 from ...system import System
 from ...system.mechanisms.separation import row
-from ..mechanism.held_rows import RowParts
+from ..feature_kernels import FACE_RIM
+from ..feature_motion import rim_accelerations
+from ..mechanism.held_rows import UNKNOWN, RowParts
 from ..mechanism.point_parts import parts_of_points
 from ..row_table import RowTable
 from ..rows import Rows
@@ -280,15 +282,17 @@ class HalfSpaceContacts(Pairs):
         return self._point_contacts(q, self._select(points))
 
     def measure(self, q: Array, pairs: Array, tolerance: float) -> Contacts:
-        wanted = np.zeros(self.size, bool)
-        wanted[pairs] = True
+        wanted = np.bincount(pairs, minlength=self.size) > 0
         return self._point_contacts(q, self._select(wanted[self.owner].nonzero()[0]))
 
     def row_bias(self, t: float, q: Array, v: Array, points: Array) -> Array:
-        """Return (dJ/dt) v of some points; NaN for those that move along their bodies, on rims and ellipsoids."""
-        numbers = self._table.numbers[points]
+        """Return (dJ/dt) v of some points; NaN for those that move along their bodies on ellipsoids."""
+        numbers, parts = self._table.numbers[points], self.row_parts(points)
         bias = self.system.point_bias(q, v, self._second_body[self.owner[points]], numbers[:, :3].copy())
-        return np.where(numbers[:, 3:12].any(axis=1), np.nan, np.vecdot(bias, numbers[:, 12:15]))
+        bias[parts.kind == UNKNOWN] = np.nan
+        if (rims := parts.kind == FACE_RIM).any():
+            bias[rims] = rim_accelerations(self.system, q, v, RowParts(*(column[rims] for column in parts)))
+        return np.vecdot(bias, numbers[:, 12:15])
 
     def row_parts(self, rows: Array) -> RowParts:
         """Return what some points are, for kernels; see `parts_of_points`."""

@@ -112,9 +112,6 @@ class SignedDistances(Pairs):
         )  # fmt: skip
         return axes.tables, PairShapes(*fields)
 
-    def pair_tables(self) -> tuple[tuple[Array, ...], PairShapes] | None:
-        return self.loop_tables()
-
     def keep_axes_of(self, other: SignedDistances) -> None:
         """Take over what another list of pairs of the same shapes knows of those that are in both."""
         before, axes = other._axes, self._axes

@@ -20,7 +20,7 @@ Array = np.ndarray
 # beside the kinds of features: a limit of a joint, and what these kernels do not know
 LIMIT, UNKNOWN = 3, -1
 # part of a whitened row that others must leave of it; with less the row depends on them
-DEPENDENT = 1e-5
+DEPENDENT_ROW = 1e-5
 # accelerations below this are denormal numbers and count as zero
 _DENORMAL = 1e-290
 
@@ -208,7 +208,7 @@ def hold(m: Mechanism, held: HeldRows, free: Array, out: Array) -> None:
     The rows are written and the factor of M is known; rows may depend on each other.
     """
     nv = len(free)
-    span_equalities(held.rows, m.parent, DEPENDENT, held.L, held.R)
+    span_equalities(held.rows, m.parent, DEPENDENT_ROW, held.L, held.R)
     for i in range(len(held.kind)):
         J, missing = held.rows[nv + i], held.wanted[i]
         for k in range(nv):

@@ -140,7 +140,7 @@ def _resting(state: MotionState, touching: Array, J: Array, metric: Metric, e: A
             acceleration = state.projector.project(free, metric, J[rest], wanted[rest]).velocity
         pull = np.minimum(J @ acceleration - wanted, 0.0)
         # a contact that the forces close rests if all its bounces last less time than the tolerance, or rise less than
-        # `_BOUNCE`
+        # `_BOUNCE` or `_ROUNDED` says
         brief = 2.0 * rates <= state.tolerance * -pull * (1.0 - e)
         low = (pull < 0.0) & (brief | (flat[0] <= flat[1] * -pull)) & smooth
         if not (low & ~rest).any():

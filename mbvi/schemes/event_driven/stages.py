@@ -8,7 +8,7 @@ import numpy as np
 
 from ...compiled import held, kernel, record
 from ...constraints.mechanism.held_rows import (
-    DEPENDENT,
+    DEPENDENT_ROW,
     UNKNOWN,
     HeldRows,
     RowParts,
@@ -203,7 +203,7 @@ def remove_drift_of(s: SmoothMotion, held: HeldRows, q: Array, v: Array, gap: Ar
             held.part[i] = missing if turn < 2 else rate
             if turn < 2:
                 gap[i] = missing if turn == 0 else min(gap[i], missing)
-        span_equalities(held.rows, m.parent, DEPENDENT, L, held.R)
+        span_equalities(held.rows, m.parent, DEPENDENT_ROW, L, held.R)
         least_change(L, m.parent, held.R, held.part, s.change)
         if turn < 2:
             retract(m.calls, q, s.change, s.q)

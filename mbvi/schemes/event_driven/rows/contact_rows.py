@@ -8,18 +8,18 @@ import numpy as np
 
 from ....constraints import AdmissibleSet, ConstraintFamily
 from ....constraints.feature_kernels import FACE_RIM, FACE_VERTEX
+from ....constraints.feature_motion import rim_accelerations
 from ....constraints.mechanism.held_rows import LIMIT, RowParts, unknown_parts
 from ....constraints.pair_features import FeatureRows
 from ....constraints.rows import Array, Rows
-from ....constraints.tangents import Tangents
+from ....constraints.tangents import Tangents, axes_of
 from ....errors import UnsuitableError
 from ....system.free.sparse_rows import dense
 from ....system.lengths import velocity_units
 from .known_pairs import KnownPairs
 from .known_rows import KnownRows, known_rows
-from .rims import rim_biases
 from .row_columns import SEARCHED, completed, extent, measured_by
-from .row_sets import union, without
+from .row_sets import members, union, without
 
 # most sets of rows whose division into families is kept
 _MOST_SETS = 1000
@@ -72,6 +72,8 @@ class SmoothRows:
         The factor that makes a length of a gap: 1, or the scene's length for an angle.
     rounding : ndarray, shape (m,)
         Error of a gap by rounding [m or rad].
+    kernels : KnownRows or None
+        What evaluates many of them at once, if the system is one mechanism.
     friction : ndarray, shape (len(constraints),), or None
         What is added to the coefficient of friction of each constraint.
 
@@ -108,11 +110,11 @@ class SmoothRows:
         self._splits: dict[bytes, list[tuple[ConstraintFamily | FeatureRows, Array]]] = {}
         parts = self.parts(self.all)
         self.kernels = known_rows(self._system, parts)
-        # rims of discs on planes of the world
-        self._rims = (parts.kind == FACE_RIM) & (parts.sides[:, 0] == 0)
+        # those of discs on planes of the world; features have others
+        self._rims = np.flatnonzero(parts.kind == FACE_RIM)
         self._pairs: dict[int, KnownPairs] = {}
         if self.kernels is not None:
-            tables = ((family, family.pair_tables()) for family, _ in self._parts)
+            tables = ((family, family.loop_tables()) for family, _ in self._parts)
             self._pairs = {id(f): KnownPairs(self.kernels.mechanism, *each) for f, each in tables if each is not None}
 
     def with_features(self, q: Array, index: Array, kept: Array, tolerance: float) -> Array:
@@ -213,9 +215,6 @@ class SmoothRows:
         if (kernels := self._kernels_of(index)) is not None:
             return kernels.biases(q, v, index)
         bias = self._each(index, lambda family, rows: family.row_bias(t, q, v, rows), np.zeros(0))
-        if (rims := self._of_rims(index)).any():
-            parts, unknown = self.parts(index[rims]), np.zeros((np.count_nonzero(rims), 2, 3))
-            bias[rims] = rim_biases(self._system, q, v, parts, unknown)[0]
         unknown = np.isnan(bias)
         if unknown.any():
             bias[unknown] = self._difference(lambda place: self.gradients(t, place, index[unknown]), q, v)
@@ -253,20 +252,17 @@ class SmoothRows:
 
     def tangent_bias(self, t: float, q: Array, v: Array, index: Array) -> Array:
         """Return (dT/dt) v of the tangents T of some rows in ascending order, shape (2 k,)."""
-        bias = self._difference(lambda place: np.asarray(self.tangents(t, place, index).jacobian), q, v)
-        if (rims := self._of_rims(index)).any():
+        rims, bias = members(index, self._rims), np.empty((len(index), 2))
+        if rims.any():
             # the lowest point of a rim that is nearly flat moves too fast for differences
-            axes = self.tangents(t, q, index).axes[rims]
-            exact = rim_biases(self._system, q, v, self.parts(index[rims]), axes)[1]
-            known = bias.reshape(-1, 2)
-            known[rims] = np.where(np.isnan(exact), known[rims], exact)
-        return bias
-
-    def _of_rims(self, index: Array) -> Array:
-        """Return which of some rows are rims of discs on planes of the world, shape (k,) of bool."""
-        found = index < len(self._rims)
-        found[found] = self._rims[index[found]]
-        return found
+            parts = self.parts(index[rims])
+            rates = rim_accelerations(self._system, q, v, parts)
+            bias[rims] = np.einsum("kcj,kj->kc", axes_of(parts.parts[:, 0, 1]), rates)
+        if not rims.all():
+            rest = index[~rims]
+            found = self._difference(lambda place: np.asarray(self.tangents(t, place, rest).jacobian), q, v)
+            bias[~rims] = found.reshape(-1, 2)
+        return bias.ravel()
 
     def _difference(self, gradients: Callable[[Array], Array], q: Array, v: Array) -> Array:
         """Return (dJ/dt) v by differences of gradients along v."""

@@ -51,7 +51,7 @@ class KnownPairs:
     mechanism : Mechanism
         What `held` returns of a record of its own.
     tables, shapes
-        What `ConstraintFamily.pair_tables` returns.
+        What `ConstraintFamily.loop_tables` returns.
 
     Attributes
     ----------

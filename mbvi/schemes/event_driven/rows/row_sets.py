@@ -1,4 +1,4 @@
-"""Sets of rows, as ascending arrays of their numbers: a few rows each, so that the way to NumPy's functions is long."""
+"""Sets of a few rows, as arrays of their numbers: NumPy's functions for sets take longer than the comparisons."""
 
 from __future__ import annotations
 
