@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..system import System
-from .feature_bias import way_along_rim
+from .feature_bias import write_biases, write_slip_biases
 from .feature_kernels import touch_each
 from .mechanism.held_rows import RowParts
 from .rows import Array
@@ -40,11 +40,10 @@ class Motion(NamedTuple):
     acceleration: Array
     spin: Array
 
-    def turning(self, vectors: Array) -> Array:
-        """Return how fast vectors turn with either body, shape (k, 2, 3)."""
-        return np.cross(self.spin, vectors)
 
-
+# the velocity of p + e_y along e_z is that of p and the angular velocity about e_x, and so on
+_BESIDE = np.concatenate([np.zeros((3, 3)), np.eye(3)[[1, 2, 0]]])
+_ALONG = np.concatenate([np.eye(3), np.eye(3)[[2, 0, 1]]])
 NOWHERE = Touching(*np.zeros((7, 0)))
 
 
@@ -66,29 +65,33 @@ def touching(system: System, q: Array, parts: RowParts) -> Touching:
     return Touching(bodies, parts.kind, places, along, gap, point, normal)
 
 
-def motion_of(system: System, q: Array, v: Array, at: Touching) -> Motion:
-    """Return how both bodies of some rows move at q and v."""
-    k, bodies = len(at.kind), at.bodies.ravel()
-    # the velocities of either body at the contact point, and at three others beside it
-    points = at.point[:, None, None] + np.concatenate([np.zeros((1, 3)), np.eye(3)]) + np.zeros((k, 2, 1, 1))
-    many, each = np.repeat(points.reshape(-1, 3), 3, axis=0), np.repeat(bodies, 12)
-    axes = np.tile(np.eye(3), (8 * k, 1))
-    moved = (system.separation_rows(q, np.zeros_like(each), each, many, axes) @ v).reshape(k, 2, 4, 3)
-    spin = 0.5 * np.cross(np.eye(3), moved[:, :, 1:] - moved[:, :, :1]).sum(axis=2)
-    own = ((at.point[:, None] - at.places[:, :, 3])[:, :, None, :] @ at.places[:, :, :3].swapaxes(2, 3))[:, :, 0]
-    acceleration, moving = np.zeros((2 * k, 3)), bodies > 0
-    acceleration[moving] = system.point_bias(q, v, bodies[moving], own.reshape(-1, 3)[moving])
-    return Motion(moved[:, :, 0], acceleration.reshape(k, 2, 3), spin)
+def motion_of(system: System, q: Array, v: Array, at: Touching, point: Array) -> Motion:
+    """Return how both bodies of some rows move at q and v at points in the world, shape (k, 3)."""
+    k, sides = len(at.kind), at.bodies.ravel()
+    motion, moving = Motion(*np.zeros((3, k, 2, 3))), np.flatnonzero(sides > 0)
+    bodies, where = sides[moving], np.repeat(point, 2, axis=0)[moving]
+    # the velocities of a body at the point along each axis, and along the axis before it at a point beside it
+    points = np.repeat(where, 6, axis=0) + np.tile(_BESIDE, (len(moving), 1))
+    axes, each = np.tile(_ALONG, (len(moving), 1)), np.repeat(bodies, 6)
+    speeds = (system.separation_rows(q, np.zeros_like(each), each, points, axes) @ v).reshape(-1, 6)
+    motion.velocity.reshape(-1, 3)[moving] = speeds[:, :3]
+    motion.spin.reshape(-1, 3)[moving] = speeds[:, 3:] - speeds[:, [2, 0, 1]]
+    places = at.places.reshape(-1, 4, 3)[moving]
+    own = np.vecmat(where - places[:, 3], places[:, :3].swapaxes(1, 2))
+    motion.acceleration.reshape(-1, 3)[moving] = system.point_bias(q, v, bodies, own)
+    return motion
 
 
-def rim_accelerations(system: System, q: Array, v: Array, parts: RowParts) -> Array:
-    """Return the rates of the velocities at the lowest points of rims above planes of the world, shape (k, 3).
+def row_biases(system: System, q: Array, v: Array, parts: RowParts) -> Array:
+    """Return (dJ/dt) v of some rows where they touch, shape (k,)."""
+    at, bias = touching(system, q, parts), np.empty(len(parts.kind))
+    write_biases(at.kind, parts.radius, at.normal, at.along, *motion_of(system, q, v, at, at.point), bias)
+    return bias
 
-    The product with a direction is (dJ/dt) v of the row along it.
-    """
-    at = touching(system, q, parts)
-    motion = motion_of(system, q, v, at)
-    turning, across = motion.turning(at.along), motion.turning(at.normal[:, None])
-    each = zip(at.normal, at.along, turning, across, strict=True)
-    ways = np.array([way_along_rim(1, *row) for row in each]).reshape(-1, 3)
-    return np.asarray(motion.acceleration[:, 1] + np.cross(motion.spin[:, 1], ways))
+
+def slip_biases(system: System, q: Array, v: Array, parts: RowParts) -> Array:
+    """Return (dT/dt) v of the tangents T of some rows where they touch, shape (k, 2)."""
+    at, bias = touching(system, q, parts), np.empty((len(parts.kind), 2))
+    motion = motion_of(system, q, v, at, at.point + parts.shift[:, None] * at.normal)
+    write_slip_biases(at.kind, parts.radius, parts.shift, at.normal, at.along, *motion, bias)
+    return bias

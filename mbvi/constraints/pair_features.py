@@ -11,9 +11,8 @@ import numpy as np
 from ..geometry.shapes.shape_table import ShapeTable
 from ..geometry.shapes.shapes import PlacedShape
 from ..system import System
-from .feature_bias import add_turning_biases
 from .feature_kernels import EDGES, FACE_VERTEX, VERTEX_FACE, write_outside
-from .feature_motion import NOWHERE, Touching, motion_of, places_of, touching
+from .feature_motion import NOWHERE, Touching, places_of, row_biases, touching
 from .mechanism.held_rows import RowParts
 from .round_features import CROSS, LEVEL, NEAR, SAME, Features, edges_through, ends_of, features_of_round, is_round
 from .rows import Array
@@ -155,17 +154,11 @@ class FeatureRows:
 
     def row_bias(self, t: float, q: Array, v: Array, rows: Array) -> Array:
         """Return (dJ/dt) v of some rows where they touch, shape (k,)."""
-        at = self._at(q, rows)
-        motion = motion_of(self._system, q, v, at)
-        change = np.vecdot(motion.acceleration[:, 1] - motion.acceleration[:, 0], at.normal)
-        sliding = motion.velocity[:, 1] - motion.velocity[:, 0]
-        of_features = at.along, motion.turning(at.along), motion.turning(at.normal[:, None])
-        add_turning_biases(at.kind, self._radius[rows], at.normal, *of_features, sliding, change)
-        return change
+        return row_biases(self._system, q, v, self.row_parts(rows))
 
     def row_parts(self, rows: Array) -> RowParts:
         """Return what some rows are, for kernels."""
-        return RowParts(self._kind[rows], self._bodies[rows], self._parts[rows], self._radius[rows])
+        return RowParts(self._kind[rows], self._bodies[rows], self._parts[rows], self._radius[rows], self._shift[rows])
 
     def row_points(self, t: float, q: Array, rows: Array) -> tuple[Array, Array]:
         """Return contact points and normals of some rows, shapes (k, 3)."""

@@ -94,19 +94,25 @@ def none_of(count: int, nv: int, sparse: bool) -> Tangents:
     return Tangents(np.zeros(count), np.tile(np.eye(3)[:2], (count, 1, 1)), jacobian, None)
 
 
-@kernel("void(f8[:,::1], f8[:,:,::1])")
-def write_axes(normal: Array, axes: Array) -> None:
-    """Write two tangents for each unit normal, shapes (k, 3) and (k, 2, 3).
+@kernel("void(f8[::1], f8[:,::1])")
+def write_tangents_of(normal: Array, axes: Array) -> None:
+    """Write two tangents of a unit normal, shapes (3,) and (2, 3).
 
     T. Duff et al., Building an orthonormal basis, revisited (2017).
     """
+    x, y, z = normal[0], normal[1], normal[2]
+    sign = np.copysign(1.0, z)
+    c = -1.0 / (sign + z)
+    b = x * y * c
+    axes[0, 0], axes[0, 1], axes[0, 2] = 1.0 + sign * x * x * c, sign * b, -sign * x
+    axes[1, 0], axes[1, 1], axes[1, 2] = b, sign + y * y * c, -y
+
+
+@kernel("void(f8[:,::1], f8[:,:,::1])")
+def write_axes(normal: Array, axes: Array) -> None:
+    """Write `write_tangents_of` each unit normal, shapes (k, 3) and (k, 2, 3)."""
     for a in range(len(normal)):
-        x, y, z = normal[a, 0], normal[a, 1], normal[a, 2]
-        sign = np.copysign(1.0, z)
-        c = -1.0 / (sign + z)
-        b = x * y * c
-        axes[a, 0, 0], axes[a, 0, 1], axes[a, 0, 2] = 1.0 + sign * x * x * c, sign * b, -sign * x
-        axes[a, 1, 0], axes[a, 1, 1], axes[a, 1, 2] = b, sign + y * y * c, -y
+        write_tangents_of(normal[a], axes[a])
 
 
 @kernel("void(f8[:,::1], f8[:,::1], i8[::1], i8[::1], f8[:,::1], f8[:,::1], f8[:,:,::1], f8[:,::1])")

@@ -12,7 +12,7 @@ from mbvi.constraints.feature_kernels import (
     VERTEX_FACE,
     VERTEX_LINE,
 )
-from mbvi.constraints.mechanism.held_rows import LIMIT, RowParts, held_rows_of, hold, row_room, write_held
+from mbvi.constraints.mechanism.held_rows import LIMIT, RowParts, held_rows_of, hold, row_room, write_held, write_row
 from mbvi.schemes.event_driven.runge_kutta import DEGREE
 from mbvi.schemes.event_driven.stages import accelerate, smooth_motion
 from support.joint_tree_arguments import moved_model, tree_of
@@ -42,7 +42,7 @@ def random_parts(rng, model, count):
     radius[kind == LIMIT] = 0.0
     if count > 1 and rng.random() < 0.4:
         kind[-1], sides[-1], parts[-1], radius[-1] = kind[0], sides[0], parts[0], radius[0]
-    return RowParts(kind, sides, parts, radius)
+    return RowParts(kind, sides, parts, radius, rng.choice([0.0, 0.2, -0.3], size=count))
 
 
 def moving(rng):
@@ -224,15 +224,48 @@ def _turning(rng):
     return int(rng.choice(FEATURES)), rng.random(), unit(rng), *rng.normal(size=(3, 2, 3)), *rng.normal(size=3).tolist()
 
 
-def _turning_each(rng):
-    turning = rng.normal(size=(3, 3, 2, 3))
+def _contact_ways(rng):
+    kind, radius, n, *vectors = _turning(rng)[:6]
+    return kind, radius + 0.1, n, *vectors, rng.normal(size=3), *np.full((2, 3), np.nan)
+
+
+def _slip(rng):
+    kind, radius, n, *vectors = _turning(rng)[:6]
+    numbers = rng.normal(size=(2, 3)), *rng.normal(size=(2, 3)), np.full(2, np.nan)
+    return kind, radius + 0.1, float(rng.normal()), n, *vectors, rng.normal(size=(2, 3)), *numbers
+
+
+def _moving_each(rng):
+    return rng.choice(FEATURES, size=3), 0.1 + rng.random(3), unit(rng, 3), *rng.normal(size=(4, 3, 2, 3))
+
+
+def _slipping_each(rng):
+    kind, radius, *others = _moving_each(rng)
+    return kind, radius, rng.normal(size=3), *others, np.full((3, 2), np.nan)
+
+
+def _slip_of_row(rng):
+    mechanism, kind, sides, parts, radius, _, room, J = _one_row(rng)
+    if kind == LIMIT:
+        return _slip_of_row(rng)
+    write_row(mechanism, kind, sides, parts, radius, room, J)
+    return mechanism, kind, sides, radius, float(rng.normal()), room, np.full((2, len(J)), np.nan), np.full(2, np.nan)
+
+
+def _slips_at(rng):
+    mechanism, parts, index, q, v = _some_of(rng)
+    T = np.full((3, 2, len(v)), np.nan)
     return (
-        rng.choice(FEATURES, size=3),
-        rng.random(3),
-        unit(rng, 3),
-        *turning,
-        rng.normal(size=(3, 3)),
-        rng.normal(size=3),
+        mechanism,
+        parts,
+        row_room(),
+        index,
+        rng.choice([0.0, 0.5], size=3),
+        q,
+        v,
+        T[0, 0].copy(),
+        T,
+        T[:, :, 0].copy(),
     )
 
 
@@ -261,7 +294,16 @@ HELD_ROW_ARGUMENTS = {
     "touch": _touch,
     "touch_each": _touch_each,
     "turning_bias": _turning,
-    "add_turning_biases": _turning_each,
+    "turn_with_bodies": lambda rng: (*rng.normal(size=(2, 2, 3)), unit(rng), *np.full((2, 2, 3), np.nan)),
+    "way_along_edges": lambda rng: _turning(rng)[1:],
+    "way_of_contact": _contact_ways,
+    "write_tangent_rates": lambda rng: (unit(rng), rng.normal(size=3), np.full((2, 3), np.nan)),
+    "slip_bias": _slip,
+    "write_biases": lambda rng: (*_moving_each(rng), np.full(3, np.nan)),
+    "write_slip_biases": _slipping_each,
+    "write_slip": _slip_of_row,
+    "slips_at": _slips_at,
+    "write_tangents_of": lambda rng: (unit(rng), np.full((2, 3), np.nan)),
     "write_gaps_of": _measured,
     "point_motion": _point,
     "write_held": _written,

@@ -23,7 +23,7 @@ from ...geometry.shapes.shapes import HalfSpace, PlacedShape, graph_of
 from ...system import System
 from ...system.mechanisms.separation import row
 from ..feature_kernels import FACE_RIM
-from ..feature_motion import rim_accelerations
+from ..feature_motion import row_biases
 from ..mechanism.held_rows import UNKNOWN, RowParts
 from ..mechanism.point_parts import parts_of_points
 from ..row_table import RowTable
@@ -288,11 +288,11 @@ class HalfSpaceContacts(Pairs):
     def row_bias(self, t: float, q: Array, v: Array, points: Array) -> Array:
         """Return (dJ/dt) v of some points; NaN for those that move along their bodies on ellipsoids."""
         numbers, parts = self._table.numbers[points], self.row_parts(points)
-        bias = self.system.point_bias(q, v, self._second_body[self.owner[points]], numbers[:, :3].copy())
-        bias[parts.kind == UNKNOWN] = np.nan
+        moved = self.system.point_bias(q, v, self._second_body[self.owner[points]], numbers[:, :3].copy())
+        bias = np.where(parts.kind == UNKNOWN, np.nan, np.vecdot(moved, numbers[:, 12:15]))
         if (rims := parts.kind == FACE_RIM).any():
-            bias[rims] = rim_accelerations(self.system, q, v, RowParts(*(column[rims] for column in parts)))
-        return np.vecdot(bias, numbers[:, 12:15])
+            bias[rims] = row_biases(self.system, q, v, RowParts(*(column[rims] for column in parts)))
+        return bias
 
     def row_parts(self, rows: Array) -> RowParts:
         """Return what some points are, for kernels; see `parts_of_points`."""

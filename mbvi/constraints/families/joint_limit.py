@@ -144,7 +144,7 @@ class JointLimits(Rebuilt, ConstraintFamily):
         parts = np.zeros((len(rows), 2, 2, 3))
         parts[:, 0, 0, 0], parts[:, 0, 0, 1] = self._sign[rows], self._offset[rows]
         sides = np.stack([self._position[rows], self._velocity[rows]], axis=1)
-        return RowParts(np.full(len(rows), LIMIT), sides, parts, np.zeros(len(rows)))
+        return RowParts(np.full(len(rows), LIMIT), sides, parts, *np.zeros((2, len(rows))))
 
     def describe(self) -> str:
         """Return one line of `Problem.report()`, in words."""

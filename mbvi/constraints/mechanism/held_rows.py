@@ -12,8 +12,9 @@ from ...system.mechanisms.frames import cross_product
 from ...system.mechanisms.joint_tree import JointTree
 from ...system.mechanisms.mechanism import Mechanism
 from ...system.mechanisms.separation import row
-from ..feature_bias import turning_bias
+from ..feature_bias import slip_bias, turn_with_bodies, turning_bias
 from ..feature_kernels import touch
+from ..tangents import write_tangents_of
 
 Array = np.ndarray
 
@@ -25,7 +26,7 @@ DEPENDENT_ROW = 1e-5
 _DENORMAL = 1e-290
 
 
-@record("i8[::1], i8[:,::1], f8[:,:,:,::1], f8[::1]")
+@record("i8[::1], i8[:,::1], f8[:,:,:,::1], f8[::1], f8[::1]")
 class RowParts(NamedTuple):
     """What k rows are.
 
@@ -39,36 +40,48 @@ class RowParts(NamedTuple):
         See `FeatureRows`; of a limit the first numbers are the sign and the offset of its gap.
     radius : ndarray, shape (k,)
         See `touch`.
+    shift : ndarray, shape (k,)
+        See `slip_bias`.
     """
 
     kind: Array
     sides: Array
     parts: Array
     radius: Array
+    shift: Array
 
 
-@record("f8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1]")
+@record("f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1]")
 class RowRoom(NamedTuple):
     """Room for the evaluation of one row after the other.
 
     Attributes
     ----------
-    along, turning, across : ndarray, shape (2, 3)
-        Directions of the features that were evaluated last, and rates; see `turning_bias`.
+    along, spin, turning, across : ndarray, shape (2, 3)
+        Directions of the features that were evaluated last, angular velocities of both bodies, and rates; see
+        `turning_bias`.
+    axes : ndarray, shape (2, 3)
+        Tangents.
     point, normal : ndarray, shape (3,)
         Where they touch.
+    sliding, change : ndarray, shape (3,)
+        See `slip_bias`.
     """
 
     along: Array
+    spin: Array
     turning: Array
     across: Array
+    axes: Array
     point: Array
     normal: Array
+    sliding: Array
+    change: Array
 
 
 def row_room() -> RowRoom:
     """Return room."""
-    return RowRoom(*np.zeros((3, 2, 3)), *np.zeros((2, 3)))
+    return RowRoom(*np.zeros((5, 2, 3)), *np.zeros((4, 3)))
 
 
 @record(
@@ -114,13 +127,13 @@ def held_rows_of(parts: RowParts, nv: int) -> HeldRows:
     k = len(parts.kind)
     (rows, L), (R, S) = np.zeros((2, nv + k, nv)), np.zeros((2, k, k))
     wanted, missing, force, part = np.zeros((4, k))
-    return HeldRows(*parts, rows, L, R, S, wanted, missing, force, part, row_room())
+    return HeldRows(*parts[:4], rows, L, R, S, wanted, missing, force, part, row_room())
 
 
 def unknown_parts(count: int) -> RowParts:
     """Return what some rows are of which kernels know nothing."""
     sides, parts = np.zeros((count, 2), np.int64), np.zeros((count, 2, 2, 3))
-    return RowParts(np.full(count, UNKNOWN), sides, parts, np.zeros(count))
+    return RowParts(np.full(count, UNKNOWN), sides, parts, *np.zeros((2, count)))
 
 
 @kernel("void(Mechanism, RowParts, i8[::1], f8[::1], f8[::1])")
@@ -179,17 +192,34 @@ def write_row(
     evaluate_row(m, kind, sides, parts, radius, m.placed, room, J)
     if kind == LIMIT:
         return 0.0
-    first, second, n, along, turning = sides[0], sides[1], room.normal, room.along, room.turning
+    first, second, n = sides[0], sides[1], room.normal
     a, b, c, d, e, f = point_motion(m.tree, first, room.point)
     u, v, w, x, y, z = point_motion(m.tree, second, room.point)
-    for side in range(2):
-        turn, s, r = m.tree.twist[first if side == 0 else second], along[side], room.across[side]
-        turning[side, 0], turning[side, 1], turning[side, 2] = cross_product(
-            turn[3], turn[4], turn[5], s[0], s[1], s[2]
-        )
-        r[0], r[1], r[2] = cross_product(turn[3], turn[4], turn[5], n[0], n[1], n[2])
+    for k in range(3):
+        room.spin[0, k], room.spin[1, k] = m.tree.twist[first, 3 + k], m.tree.twist[second, 3 + k]
+    turn_with_bodies(room.spin, room.along, n, room.turning, room.across)
     bias = (x - d) * n[0] + (y - e) * n[1] + (z - f) * n[2]
-    return bias + turning_bias(kind, radius, n, along, turning, room.across, u - a, v - b, w - c)
+    return bias + turning_bias(kind, radius, n, room.along, room.turning, room.across, u - a, v - b, w - c)
+
+
+@kernel("void(Mechanism, i8, i8[::1], f8, f8, RowRoom, f8[:,::1], f8[::1])")
+def write_slip(
+    m: Mechanism, kind: int, sides: Array, radius: float, shift: float, room: RowRoom, T: Array, bias: Array
+) -> None:  # fmt: skip
+    """Write the gradients T of the tangents of a row, shape (2, nv), and (dT/dt) v, shape (2,), after `write_row`."""
+    first, second, n, axes = sides[0], sides[1], room.normal, room.axes
+    for k in range(3):
+        room.point[k] += shift * n[k]
+    a, b, c, d, e, f = point_motion(m.tree, first, room.point)
+    u, v, w, x, y, z = point_motion(m.tree, second, room.point)
+    room.sliding[0], room.sliding[1], room.sliding[2] = u - a, v - b, w - c
+    room.change[0], room.change[1], room.change[2] = x - d, y - e, z - f
+    write_tangents_of(n, axes)
+    for i in range(2):
+        row(m.columns, m.support[first], m.support[second], room.point, axes[i], T[i])
+    slip_bias(
+        kind, radius, shift, n, room.along, room.spin, room.turning, room.across, axes, room.sliding, room.change, bias
+    )
 
 
 @kernel("void(Mechanism, HeldRows)")

@@ -34,4 +34,4 @@ def parts_of_points(numbers: Array, bodies: Array) -> RowParts:
     parts[disc, 1, 1] = np.cross(first, second)[disc] / radius[disc, None]
     kind = np.where(disc, FACE_RIM, np.where(numbers[:, 3:12].any(axis=1), UNKNOWN, FACE_VERTEX))
     sides = np.stack([np.zeros(len(numbers), np.int64), bodies], axis=1)
-    return RowParts(kind, sides, parts, np.zeros(len(numbers)))
+    return RowParts(kind, sides, parts, np.zeros(len(numbers)), -numbers[:, 15])

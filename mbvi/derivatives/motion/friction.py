@@ -212,7 +212,7 @@ class FrictionDerivatives:
         """Return what the slip of one row varies by, T by v and dT v by q, shapes (2, nv), and -(dT/dt) v."""
         tangents = self._linear.rows.tangents(t, q, row)
         turned, _ = self._tangents_by_q(t, q, v, row)
-        along = -self._linear.rows.tangent_bias(t, q, v, row)
+        along = -self._linear.rows.slips(t, q, v, row)[1].ravel()
         return np.asarray(tangents.jacobian), np.einsum("icjk,j->ick", turned, v)[0], along
 
     def turn_to_stop(self, t: float, q: Array, v: Array, closed: Array, k: int) -> Array:
@@ -304,7 +304,7 @@ class FrictionDerivatives:
         def both(dq: Array) -> Array:
             there = self._linear.system.integrate(q, dq)
             tangents = np.asarray(rows.tangents(t, there, others).jacobian)
-            bias = rows.tangent_bias(t, there, v, others) if biased else np.zeros(len(tangents))
+            bias = rows.slips(t, there, v, others)[1].ravel() if biased else np.zeros(len(tangents))
             return np.column_stack([tangents, bias])
 
         found = along(both, self._steps).reshape(len(others), 2, n + 1, n)

@@ -279,8 +279,8 @@ def _fallback_notes(fallbacks: int, undetermined: int) -> list[str]:
     if not fallbacks:
         return []
     friction = (
-        f"; {undetermined} of them because friction leaves accelerations open, of contacts that depend on each other, "
-        "of features of polyhedra or in Painlevé's configuration"
+        f"; {undetermined} of them because friction leaves accelerations open, of contacts that depend on each other "
+        "or in Painlevé's configuration"
     )
     return [
         f"{fallbacks} steps of 1e-4 s were taken by the paper's scheme, of order one: where gradients jump, or events "

@@ -187,14 +187,6 @@ def test_a_box_that_slides_and_turns_falls_back_by_name():
     assert "friction leaves accelerations open" in run.notes[0]
 
 
-def test_a_box_that_slides_on_a_box_falls_back_by_name():
-    scene = mbvi.Scene(friction=0.5)
-    scene.add_box((2, 2, 0.2), position=(0, 0, -0.1), fixed=True)
-    scene.add_box((0.4, 0.3, 0.1), 2.0, position=(0, 0, 0.05), velocity=(1.0, 0, 0))
-    run = mbvi.simulate(scene.build(), mbvi.EventDriven(1e-6), duration=0.02)
-    assert "features of polyhedra" in run.notes[0]
-
-
 def test_what_is_not_known_is_refused_by_name():
     with pytest.raises(mbvi.UnsuitableError, match="walls that move"):
         solve(reference.block_on_belt(), 1e-6)

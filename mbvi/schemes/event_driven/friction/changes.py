@@ -46,9 +46,7 @@ def settle(state: MotionState, modes: ContactModes, rest: Array) -> Array:
     kept = np.concatenate([equations.normals.J, equations.T[~slides & (equations.mu > 0.0)].reshape(-1, len(state.v))])
     kept = kept[kept.any(axis=1)]
     state.v = state.v + velocity_change(equations.normals.metric, kept, -(kept @ state.v))
-    # features change while friction acts on them: that is not followed
-    features = (rest >= len(state.rows.all)).any()
-    found = None if features else decide(modes.equations(state.t, state.q, state.v, rest), slides)
+    found = decide(modes.equations(state.t, state.q, state.v, rest), slides)
     modes.stopped, modes.undecided = -1, found is None
     if found is None:
         modes.choose(rest, np.zeros(len(rest), bool), np.zeros((len(rest), 2)))

@@ -151,11 +151,9 @@ class ContactModes:
     def equations(self, t: float, q: Array, v: Array, closed: Array) -> ModeEquations:
         """Return what decides on the accelerations of closed rows."""
         normals = self._flow.contact_equations(t, q, v, closed)
-        tangents = self._rows.tangents(t, q, closed)
-        T = np.asarray(tangents.jacobian).reshape(len(closed), 2, len(v))
+        T, bias, mu = self._rows.slips(t, q, v, closed)
         still = STILL * (np.abs(T) @ np.abs(v)).sum(axis=1) + self._slow
-        along = -self._rows.tangent_bias(t, q, v, closed).reshape(-1, 2)
-        return ModeEquations(normals, T, tangents.friction, T @ v, still, along)
+        return ModeEquations(normals, T, mu, T @ v, still, -bias)
 
     def directions(self, equations: ModeEquations) -> Array:
         """Return the directions of slip, shape (k, 2): those at the start of the step, turned with the slip.

@@ -3,23 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cached_property
 
 import numpy as np
 
 from ....constraints import AdmissibleSet, ConstraintFamily
-from ....constraints.feature_kernels import FACE_RIM, FACE_VERTEX
-from ....constraints.feature_motion import rim_accelerations
-from ....constraints.mechanism.held_rows import LIMIT, RowParts, unknown_parts
+from ....constraints.feature_kernels import FACE_VERTEX
+from ....constraints.feature_motion import slip_biases
+from ....constraints.mechanism.held_rows import LIMIT, UNKNOWN, RowParts, unknown_parts
 from ....constraints.pair_features import FeatureRows
 from ....constraints.rows import Array, Rows
-from ....constraints.tangents import Tangents, axes_of
+from ....constraints.tangents import Tangents
 from ....errors import UnsuitableError
 from ....system.free.sparse_rows import dense
 from ....system.lengths import velocity_units
 from .known_pairs import KnownPairs
 from .known_rows import KnownRows, known_rows
 from .row_columns import SEARCHED, completed, extent, measured_by
-from .row_sets import members, union, without
+from .row_sets import union, without
 
 # most sets of rows whose division into families is kept
 _MOST_SETS = 1000
@@ -110,8 +111,6 @@ class SmoothRows:
         self._splits: dict[bytes, list[tuple[ConstraintFamily | FeatureRows, Array]]] = {}
         parts = self.parts(self.all)
         self.kernels = known_rows(self._system, parts)
-        # those of discs on planes of the world; features have others
-        self._rims = np.flatnonzero(parts.kind == FACE_RIM)
         self._pairs: dict[int, KnownPairs] = {}
         if self.kernels is not None:
             tables = ((family, family.loop_tables()) for family, _ in self._parts)
@@ -250,19 +249,28 @@ class SmoothRows:
             return tangents
         return tangents._replace(friction=tangents.friction + self.friction[rows.constraint])
 
-    def tangent_bias(self, t: float, q: Array, v: Array, index: Array) -> Array:
-        """Return (dT/dt) v of the tangents T of some rows in ascending order, shape (2 k,)."""
-        rims, bias = members(index, self._rims), np.empty((len(index), 2))
-        if rims.any():
-            # the lowest point of a rim that is nearly flat moves too fast for differences
-            parts = self.parts(index[rims])
-            rates = rim_accelerations(self._system, q, v, parts)
-            bias[rims] = np.einsum("kcj,kj->kc", axes_of(parts.parts[:, 0, 1]), rates)
-        if not rims.all():
-            rest = index[~rims]
-            found = self._difference(lambda place: np.asarray(self.tangents(t, place, rest).jacobian), q, v)
-            bias[~rims] = found.reshape(-1, 2)
-        return bias.ravel()
+    def slips(self, t: float, q: Array, v: Array, index: Array) -> tuple[Array, Array, Array]:
+        """Return tangents T of some rows in ascending order, shape (k, 2, nv), mu, and (dT/dt) v, shape (k, 2)."""
+        if (kernels := self._kernels_of(index)) is not None:
+            mu = self._coefficients[self.number[index]]
+            if self.friction is not None:
+                mu = mu + self.friction[self.number[index]]
+            return *kernels.slips(q, v, index, mu), mu
+        tangents, bias = self.tangents(t, q, index), np.zeros((len(index), 2))
+        parts = self.parts(index)
+        known, unknown = (parts.kind != UNKNOWN) & (parts.kind != LIMIT), parts.kind == UNKNOWN
+        if known.any():
+            bias[known] = slip_biases(self._system, q, v, RowParts(*(column[known] for column in parts)))
+        if unknown.any():
+            rest = index[unknown]
+            moved = self._difference(lambda place: np.asarray(self.tangents(t, place, rest).jacobian), q, v)
+            bias[unknown] = moved.reshape(-1, 2)
+        return np.asarray(tangents.jacobian).reshape(len(index), 2, self._system.nv), bias, tangents.friction
+
+    @cached_property
+    def _coefficients(self) -> Array:
+        """The coefficient of friction of each constraint."""
+        return np.array([self._constraints.coefficient_of_friction(k) for k in range(len(self._constraints))])
 
     def _difference(self, gradients: Callable[[Array], Array], q: Array, v: Array) -> Array:
         """Return (dJ/dt) v by differences of gradients along v."""
@@ -288,7 +296,7 @@ class SmoothRows:
 
         The rows ascend. Points are in frames of bodies, NaN for other rows; a limit of a joint has the body 0.
         """
-        kind, sides, parts, _ = self.parts(index)
+        kind, sides, parts, *_ = self.parts(index)
         table = np.column_stack([sides[:, 1], parts[:, 1, 0], parts[:, 0, 1]])
         table[(kind != FACE_VERTEX) | (sides[:, 0] != 0)] = np.nan
         table[kind == LIMIT] = 0.0

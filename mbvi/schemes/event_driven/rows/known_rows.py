@@ -7,6 +7,7 @@ import numpy as np
 from ....compiled import held, kernel, plain_array
 from ....constraints.feature_kernels import FACE_RIM, touch
 from ....constraints.mechanism.held_rows import (
+    LIMIT,
     UNKNOWN,
     RowParts,
     RowRoom,
@@ -15,6 +16,7 @@ from ....constraints.mechanism.held_rows import (
     unknown_parts,
     write_gaps_of,
     write_row,
+    write_slip,
 )
 from ....system import System
 from ....system.mechanisms.articulated import ArticulatedSystem
@@ -58,6 +60,29 @@ def points_at(m: Mechanism, rows: RowParts, room: RowRoom, index: Array, q: Arra
         r = index[i]
         places = m.poses[rows.sides[r, 0]], m.poses[rows.sides[r, 1]]
         touch(rows.kind[r], rows.parts[r], rows.radius[r], places[0], places[1], room.along, point[i], normal[i])
+
+
+@kernel("void(Mechanism, RowParts, RowRoom, i8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:,:,::1], f8[:,::1])")
+def slips_at(
+    m: Mechanism, rows: RowParts, room: RowRoom, index: Array, mu: Array, q: Array, v: Array, J: Array, T: Array,
+    bias: Array,
+) -> None:  # fmt: skip
+    """Write tangents T and (dT/dt) v of some of the rows at q and v, shapes (k, 2, nv) and (k, 2); 0 where mu is 0.
+
+    `J`, shape (nv,), is room.
+    """
+    weigh(m, q)
+    evaluate_nonlinear_effects(m, q, v)
+    for i in range(len(index)):
+        r = index[i]
+        if mu[i] > 0.0 and rows.kind[r] != LIMIT:
+            write_row(m, rows.kind[r], rows.sides[r], rows.parts[r], rows.radius[r], room, J)
+            write_slip(m, rows.kind[r], rows.sides[r], rows.radius[r], rows.shift[r], room, T[i], bias[i])
+        else:
+            for c in range(2):
+                bias[i, c] = 0.0
+                for k in range(len(J)):
+                    T[i, c, k] = 0.0
 
 
 class KnownRows:
@@ -109,6 +134,13 @@ class KnownRows:
         point, normal = np.empty((2, len(index), 3))
         points_at(self.mechanism, self.parts, self._room, index, plain_array(q), point, normal)
         return point, normal
+
+    def slips(self, q: Array, v: Array, index: Array, mu: Array) -> tuple[Array, Array]:
+        """Return tangents T and (dT/dt) v of some rows at q and v, shapes (k, 2, nv) and (k, 2); 0 where mu is 0."""
+        T, bias = np.empty((len(index), 2, self._nv)), np.empty((len(index), 2))
+        room = np.empty(self._nv)
+        slips_at(self.mechanism, self.parts, self._room, index, mu, plain_array(q), plain_array(v), room, T, bias)
+        return T, bias
 
     def biases(self, q: Array, v: Array, index: Array) -> Array:
         """Return (dJ/dt) v of some rows at q and v, shape (k,)."""
