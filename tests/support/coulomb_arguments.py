@@ -346,7 +346,8 @@ def acts(rng):
 def scale_speeds(rng):
     n = 6
     scale = rng.choice([0.0, 0.5, 2.0], size=n // 3)
-    return rng.normal(size=(3, n)), rng.normal(size=n), scale, rng.random(), np.full(n, np.nan)
+    limit = float(rng.choice([1e-12, 1e-6]))
+    return rng.normal(size=(3, n)), rng.normal(size=n), scale, rng.random(), limit, np.full(n, np.nan)
 
 
 def solve_scaled(rng):

@@ -22,6 +22,8 @@ _RESUMED_STEPS = 6
 FEWEST_WITH_CARRIED = 8
 # most sweeps over more contacts, and their multiplications, about two seconds
 _MOST_SWEEPS, _WORK = 20_000, 2e9
+# error of a speed by rounding, relative to the terms that cancel in it
+_ROUNDING = 4e-15
 
 
 @kernel("void(i8[::1], f8[:,::1])")
@@ -136,20 +138,20 @@ def free_speeds(J: Array, x: Array, lower: Array, mu: Array, table: Array) -> tu
     return closing, cancelled
 
 
-@kernel("f8(f8[:,::1], f8[::1], f8[::1], f8, f8[::1])")
-def scale_speeds(table: Array, lower: Array, scale: Array, cancelled: float, b: Array) -> float:
+@kernel("f8(f8[:,::1], f8[::1], f8[::1], f8, f8, f8[::1])")
+def scale_speeds(table: Array, lower: Array, scale: Array, cancelled: float, limit: float, b: Array) -> float:
     """Write the scaled velocities J x - lower, shape (n,); return the largest scaled speed.
 
-    It is inf where a contact that moves nothing demands a positive rate. The arguments are those of `coulomb_law` and
-    `free_speeds`.
+    At least such that the rounding of terms which cancel is a residual within the limit. It is inf where a contact that
+    moves nothing demands a positive rate. The arguments are those of `coulomb_law` and `free_speeds`.
     """
-    largest = 0.0
+    largest, rounding = 0.0, max(1e-9, _ROUNDING / limit) * cancelled
     for i in range(len(b)):
         s = scale[i // 3]
         if i % 3 == 0 and s == 0.0 and lower[i] > 0.0:
             return np.inf
         b[i] = (table[1, i] - lower[i]) * s
-        largest = max(largest, abs(table[1, i]) * s, abs(b[i]), 1e-9 * cancelled * s)
+        largest = max(largest, abs(table[1, i]) * s, abs(b[i]), rounding * s)
     return largest
 
 
@@ -243,7 +245,7 @@ def carried_law(
     list_columns(J, A, columns, counts, owner)
     if not diagonal_blocks(J, A, columns, counts, G, scale):
         return np.inf, False
-    largest = scale_speeds(table, lower, scale, cancelled, b)
+    largest = scale_speeds(table, lower, scale, cancelled, limit, b)
     for i in range(n):
         p[i] = soft[i] = start[i] / scale[i // 3]
     found, unique = solve_carried(J, A, G, scale, b, mu, owner, columns, counts, known == UNIQUE, limit, soft, p)
@@ -278,7 +280,7 @@ def law_of_all(
     # written so that a NaN is refused too
     if not residual <= limit:
         delassus(J, A, mu, bound, G, scale)
-        largest = scale_speeds(table, lower, scale, cancelled, b)
+        largest = scale_speeds(table, lower, scale, cancelled, limit, b)
         if largest == np.inf:
             return np.inf, False
         # of contacts that move nothing all scaled speeds vanish
@@ -301,9 +303,12 @@ def law_of_all(
     find_cases(u, p, cone, tangential, case)
     for i in range(n):
         start[i] = table[0, i] if unique else soft[i] * scale[i // 3]
-        # a joint that sticks does not creep by rounding
         if mu[i // 3] < 0.0 and i % 3 == 1 and case[i // 3] == STICK:
+            # a joint that sticks does not creep by rounding; a hinge between bodies has several velocities
+            count = last = 0
             for k in range(len(w)):
                 if J[i, k] != 0.0:
-                    w[k] = table[2, i] = 0.0
+                    count, last = count + 1, k
+            if count == 1:
+                w[last] = table[2, i] = 0.0
     return residual, unique
