@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,7 +22,7 @@ RUNAWAY = 1e16
 # penetration at the end of a shortened step, relative to the thickness that would be passed through
 DEPTH = 1e-3
 # most shortened steps within one step, and the remaining part of a step that is not shortened again
-_MOST_SHORTENED, _LEAST_REST = 100, 1e-9
+_MOST_SHORTENED, _LEAST_REST = 1000, 1e-9
 # most times that a shortened step is shortened again because its law leads elsewhere than that of the whole one
 _MOST_AGAIN = 20
 # part of a step that counts as all of it: a shortened step ends just after bodies touch
@@ -30,6 +31,13 @@ _ALL = 0.99
 HALF_TURN = 3.0
 # how much deeper bodies that are not convex get before a step is shortened, in thicknesses
 DEEP = 0.25
+
+
+class _Way(NamedTuple):
+    """How bodies move within a step: where they are at a share of it, and the displacement that bounds their travel."""
+
+    place: Callable[[float], Array]
+    displacement: Array
 
 
 class TunnellingGuard:
@@ -162,40 +170,48 @@ class TunnellingGuard:
 
     def _part(self, state: Step, new: Step, h: float) -> float:
         """Return the part of a step after which a body would pass through another, 1 if none does."""
-        system, before = self._problem.system, self._jump * h * state.v
-        middle, after = system.integrate(state.q, before), (1.0 - self._jump) * h * new.v
-        # of bodies that turn further the difference of two configurations does not know how far
-        follows = np.abs(after).max(initial=0.0) < HALF_TURN
-        for q, displacement, start, length in (
-            (state.q, before, 0.0, self._jump),
-            (middle, system.difference(middle, new.q) if follows else after, self._jump, 1.0 - self._jump),
-        ):
-            share = self._first(q, displacement, length) if length > 0.0 else 1.0
+        jump = self._jump
+        for way, start, length in zip(self._ways(state, new, h), (0.0, jump), (jump, 1.0 - jump), strict=True):
+            share = self._first(way, length) if length > 0.0 else 1.0
             if share < 1.0:
                 # a root is a numpy scalar, and so would be the times of steps and impacts
                 return float(start + share * length)
         return 1.0
 
-    def _first(self, q: Array, displacement: Array, length: float) -> float:
-        """Return the share of a displacement at which the first pair meets that would pass through each other.
+    def _ways(self, state: Step, new: Step, h: float) -> tuple[_Way, _Way]:
+        """Return how bodies move before the velocity jumps, and after that."""
+        system, before, after = self._problem.system, self._jump * h, (1.0 - self._jump) * h
+        if self._scheme.timing.coasts:
+            # the second one ends with the step, where its velocity is known
+            return (
+                _Way(lambda x: system.integrate(state.q, system.coast(state.v, x * before)[0]), before * state.v),
+                _Way(lambda x: system.integrate(new.q, system.coast(new.v, (x - 1.0) * after)[0]), after * new.v),
+            )
+        middle, onward = system.integrate(state.q, before * state.v), after * new.v
+        # of bodies that turn further the difference of two configurations does not know how far
+        if np.abs(onward).max(initial=0.0) < HALF_TURN:
+            onward = system.difference(middle, new.q)
+        return (
+            _Way(lambda x: system.integrate(state.q, x * before * state.v), before * state.v),
+            _Way(lambda x: system.integrate(middle, x * onward), onward),
+        )
 
-        `length` is that of the displacement in steps: pairs pass through each other in a whole one.
+    def _first(self, way: _Way, length: float) -> float:
+        """Return the share of a way at which the first pair meets that would pass through each other.
+
+        `length` is that of the way in steps: pairs pass through each other in a whole one.
         """
-        first = 1.0
+        first, q = 1.0, way.place(0.0)
         for family in self._watched:
-            for k, travel, thickness in zip(*family.passable(q, displacement / length), strict=True):
-                meets = self._meets(family, q, displacement, np.array([k]), length * travel, thickness)
-                first = min(first, meets)
+            for k, travel, thickness in zip(*family.passable(q, way.displacement / length), strict=True):
+                first = min(first, self._meets(family, way, np.array([k]), length * travel, thickness))
         return first
 
-    def _meets(
-        self, family: ConstraintFamily, q: Array, displacement: Array, pair: Array, travel: float, thickness: float
-    ) -> float:
-        """Return the share of the displacement at which a pair meets, 1 if it does not."""
+    def _meets(self, family: ConstraintFamily, way: _Way, pair: Array, travel: float, thickness: float) -> float:
+        """Return the share of a way at which a pair meets, 1 if it does not."""
 
         def gap(x: float) -> float:
-            place = self._problem.system.integrate(q, x * displacement)
-            return float(family.pair_gap(self._problem.t0, place, pair)[0])
+            return float(family.pair_gap(self._problem.t0, way.place(x), pair)[0])
 
         tolerance, start = self._problem.tolerance, gap(0.0)
         short = min(DEPTH * thickness / travel, 1.0)

@@ -29,11 +29,14 @@ class Timing:
         `Scheme.shortened` replaces `Scheme.step` where a step must be shorter.
     own_steps : bool
         Whether the scheme chooses the lengths of its steps, so that they end at impacts that it locates in time.
+    coasts : bool
+        Whether configurations move as `System.coast` says, and not along the retraction.
     """
 
     jump: float = 1.0
     whole_steps: bool = False
     own_steps: bool = False
+    coasts: bool = False
 
 
 class SchemeBase:
