@@ -119,25 +119,31 @@ class ClearanceCache:
     -----
     State lies in flat arrays, one row for each family that can be skipped: `envelope` and `travel` (n, nv), `clearance`
     (n,). Sets of families are masks with bit k for row k. Families have no such state: several sets may share them.
-    `squares` (n, nv) are those of the envelope, for `travel`, and `turn_squares` those of angles only, for `bend`;
-    `knows_travel` is whether each family has an envelope. While the compiled loop has the state, `reclaim` is the
-    function that takes it back; it is called where functions of the user query the constraints.
+    `squares` (n, nv) are those of the envelope, for `travel`, and `turn_squares` those of angles only, for `bend`, also
+    of families that are always queried; `knows_travel` is whether each family has an envelope. While the compiled loop
+    has the state, `reclaim` is the function that takes it back; it is called where functions of the user query the
+    constraints.
     """
 
     def __init__(self, system: System, numbered: Sequence[tuple[ConstraintFamily, int, float]]) -> None:
         self._system = system
         self._entries: list[_Entry] = []
         envelopes: list[Array] = []
+        bending: list[Array] = []
         for family, start, e in numbered:
             envelope = None if family.moving or len(envelopes) == _MOST_CACHED else family.envelope()
             self._entries.append(_Entry(family, start, e, -1 if envelope is None else len(envelopes)))
             if envelope is not None:
                 envelopes.append(envelope)
+            bends = family.bending_envelope() if envelope is None else envelope
+            if bends is not None and len(bending) < _MOST_CACHED:
+                bending.append(bends)
         # those with a place in the arrays
         self._skipped = [entry for entry in self._entries if entry.slot >= 0]
         self._envelope = np.array(envelopes, dtype=float).reshape(-1, system.nv)
         self.squares = self._envelope**2
-        self.turn_squares = np.where(system.are_lengths(), 0.0, self.squares)
+        squares = np.array(bending, dtype=float).reshape(-1, system.nv) ** 2
+        self.turn_squares = np.where(system.are_lengths(), 0.0, squares)
         self._turns = np.where(self.turn_squares > 0.0, 1.0, 0.0)
         self.knows_travel = len(envelopes) == len(self._entries)
         self._travel, self._clearance = np.zeros(self._envelope.shape), np.full(len(envelopes), -np.inf)

@@ -195,6 +195,10 @@ class ConstraintFamily(ABC):
         reach = self.reach()
         return None if reach is None else np.max((reach.T * self.lever).T, axis=0, initial=0.0)
 
+    def bending_envelope(self) -> Array | None:
+        """Return the same also where every step queries the family; None where it is not known."""
+        return self.envelope()
+
     def clearance(self) -> float:
         """Return how far any gap may fall before `contacts` must be called again [m].
 

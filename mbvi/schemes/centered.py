@@ -53,7 +53,7 @@ class Centered(Scheme):
     before, and its rebound follows in the next step.
     """
 
-    timing = Timing(jump=0.5)
+    timing = Timing(jump=0.5, coasts=True)
 
     def __init__(self, *, project_positions: bool = False) -> None:
         self.project_positions = boolean(project_positions, "project_positions")
@@ -87,7 +87,8 @@ class Centered(Scheme):
             return with_tangent_velocity(system, flown, motion)
         change = half * ahead.speeds(v)
         # a scheme derived from this one may have changed e
-        active = _rows_in_the_middle(problem, t, middle, ahead, change)._replace(restitution=ahead.restitution)
+        active = _rows_in_the_middle(problem, t, middle, nearby.place, ahead, change)
+        active = active._replace(restitution=ahead.restitution)
         linear = False
         if self.project_positions and not _bounces(problem, ahead, change):
             # gaps that lead to those of the end, which the position projection takes to be linear
@@ -128,7 +129,7 @@ def _bounces(problem: Problem, ahead: Rows, change: Array) -> bool:
     return bool((rebound > problem.tolerance).any() or (ahead.restitution >= 1.0).any())
 
 
-def _rows_in_the_middle(problem: Problem, t: float, q: Array, ahead: Rows, change: Array) -> Rows:
+def _rows_in_the_middle(problem: Problem, t: float, q: Array, end: Array, ahead: Rows, change: Array) -> Rows:
     """Return the rows in the middle of a step that correspond to rows active at its end, in the same order.
 
     The law acts there: arms and axes of the end would turn its percussions.
@@ -137,6 +138,8 @@ def _rows_in_the_middle(problem: Problem, t: float, q: Array, ahead: Rows, chang
     ----------
     t, q
         Time and configuration in the middle of the step.
+    end : ndarray, shape (nq,)
+        The configuration at which `ahead` was found.
     ahead : Rows
         The rows that are active at its end.
     change : ndarray, shape (k,)
@@ -150,7 +153,8 @@ def _rows_in_the_middle(problem: Problem, t: float, q: Array, ahead: Rows, chang
     found = owner >= 0
     if found.all():
         return here if np.array_equal(owner, np.arange(len(here.gap))) else take(here, owner)
-    # a contact without a counterpart in the middle is taken at the place where it is at the end
-    rest = problem.constraints.at_places(t, q, take(ahead._replace(gap=ahead.gap - change), ~found))
+    # a contact without a counterpart in the middle, as where a body has passed a joint of tiles, is taken at the place
+    # on the body where it is at the end
+    rest = problem.constraints.at_places(t, q, take(ahead._replace(gap=ahead.gap - change), ~found), end)
     order = np.argsort(np.concatenate([np.flatnonzero(found), np.flatnonzero(~found)]))
     return take(concatenate([take(here, owner[found]), rest]), order)

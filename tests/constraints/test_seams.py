@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 import mbvi
 from mbvi.geometry.shapes.seams import is_covered, seams_of
 from mbvi.geometry.shapes.shapes import Box, PlacedShape
+from mbvi.run.fixed_steps import taking
 
 SCHEMES = [mbvi.Centered(project_positions=True), mbvi.StewartTrinkle(), mbvi.Paoli()]
 TURNED = Rotation.from_rotvec([0.3, 0.2, 0.5]).as_matrix()
@@ -72,6 +73,28 @@ def test_friction_on_tiles_is_that_of_a_half_space():
         add_body(scene, "box", np.eye(3), np.array([1.0, 0.2, 0.0]))
         ends.append(mbvi.simulate(scene.build(), step=1e-3, duration=0.2).v[-1])
     np.testing.assert_allclose(ends[0][:3], ends[1][:3], atol=1e-9)
+
+
+@pytest.mark.parametrize("loop", [True, False])
+@pytest.mark.parametrize("scheme", SCHEMES, ids=repr)
+def test_a_ball_with_friction_passes_from_tile_to_tile(scheme, loop, monkeypatch):
+    """Its contact at the end of a step is with the next tile, of which the middle of the step knows nothing."""
+    if not loop:
+        monkeypatch.setattr(taking, "compiled_loop", lambda *_: None)
+    for speed in (3.1, 4.4, 5.2, 7.6):
+        ends = []
+        for tiled in (True, False):
+            scene = mbvi.Scene(friction=0.3, restitution=0.0)
+            if tiled:
+                scene.add_box((3, 4, 0.2), fixed=True, position=(-1.5, 0, -0.1))
+                scene.add_box((3, 4, 0.3), fixed=True, position=(1.5, 0, -0.15))
+            else:
+                scene.add_halfspace((0, 0, 1))
+            scene.add_sphere(0.1, position=(-0.13, 0, 0.1), velocity=(speed, 0, 0))
+            run = mbvi.simulate(scene.build(), scheme, step=2e-3, duration=0.1)
+            ends.append((run.q[-1, :3], run.v[-1]))
+        np.testing.assert_allclose(ends[0][0], ends[1][0], atol=1e-12)
+        np.testing.assert_allclose(ends[0][1], ends[1][1], atol=1e-10)
 
 
 def test_many_spheres_roll_over_tiles_without_loss():

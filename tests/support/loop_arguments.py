@@ -511,15 +511,17 @@ def rows_by_callback(rng, seed):
 
 def write_gradients(rng, seed):
     scene, material = (on_block, hopper, quadruped)[seed], (RIGID, ROUGH, ROUGH)[seed]
-    s, middle, _ = _call("rows_in_the_middle", CENTERED, scene, material, 5)
+    s, middle, end, _ = _call("rows_in_the_middle", CENTERED, scene, material, 5)
+    place(s.mechanism, end)
+    before = s.mechanism.poses.copy()
     place(s.mechanism, middle)
-    return s.mechanism, s.constraints, s.rows, int(rng.integers(s.rows.size[0]))
+    return s.mechanism, s.constraints, s.rows, int(rng.integers(s.rows.size[0])), before if seed else before[:0]
 
 
 def write_gradient_of(rng, seed):
-    mechanism, constraints, rows, _ = write_gradients(rng, seed)
+    mechanism, constraints, rows, _, before = write_gradients(rng, seed)
     # rows of the family, and others
-    return mechanism, constraints.walls if seed else constraints.pairs, rows, int(rng.integers(rows.size[0]))
+    return mechanism, constraints.walls if seed else constraints.pairs, rows, int(rng.integers(rows.size[0])), before
 
 
 def _sunk(seed):

@@ -120,6 +120,10 @@ class MovingWalls(ConstraintFamily):
         """Return the name of one pair."""
         return self.constraint.name(number)
 
+    def bending_envelope(self) -> Array | None:
+        """Return the envelope of the walls if they stood still, shape (nv,)."""
+        return self.constraint.bending_envelope()
+
     def friction_of(self, numbers: Array) -> Array:
         """Return the coefficients of friction of some pairs, shape (k,)."""
         return self.constraint.friction_of(numbers)

@@ -131,10 +131,14 @@ class SurfaceContacts(Rebuilt, ConstraintFamily):
         """Return the reach of some shapes, shape (k, nv): what is followed of each."""
         return np.asarray(self._reach[numbers].toarray())
 
+    def bending_envelope(self) -> Array:
+        """Return the largest reach of any shape, shape (nv,)."""
+        return np.asarray(self._reach.max(axis=0).toarray()).ravel() if self.size else np.zeros(self.system.nv)
+
     @cached_property
     def _reach(self) -> Any:
         """How far each velocity can carry what is followed of each shape, sparse, shape (n, nv)."""
-        # only the tunnelling guard needs it, and its import is slow
+        # its import is slow
         from scipy.sparse import csr_array, vstack
 
         each = (self.system.reach(s.body, s.position, self.carried(s)) for s in self.shapes)

@@ -40,11 +40,11 @@ def take_near(rows: RowBuffer, tolerance: float, margin: float, drift: Array, ne
     return near_rows.size[0]
 
 
-@kernel("i8(MechanismStep, f8[::1], f8[::1])")
-def rows_in_the_middle(s: MechanismStep, middle: Array, change: Array) -> int:
+@kernel("i8(MechanismStep, f8[::1], f8[::1], f8[::1])")
+def rows_in_the_middle(s: MechanismStep, middle: Array, end: Array, change: Array) -> int:
     """Replace the rows of the end of a step by the same in its middle, in the same order; return a code.
 
-    `middle`, shape (nq,), is the configuration there, and `change`, shape (k,), that of the gaps from there to the end.
+    `middle` and `end`, shape (nq,), are the configurations there, and `change`, shape (k,), that of the gaps between.
     """
     rows, here, most, m = s.rows, s.middle, 0.0, s.rows.size[0]
     for a in range(m):
@@ -59,15 +59,20 @@ def rows_in_the_middle(s: MechanismStep, middle: Array, change: Array) -> int:
         # rows are found in the order of their numbers
         order[b] = b
     mutual_nearest(rows.number[:m], rows.point[:m], here.number[:n], here.point[:n], order, owner)
+    before = s.mechanism.poses[:0]
     for a in range(m):
         if owner[a] >= 0:
             rows.size[0] = a
             copy_row(here, owner[a], rows)
         else:
-            # a contact without a counterpart in the middle is taken at the place where it is at the end
+            # a contact without a counterpart in the middle, as where a body has passed a joint of tiles, is taken at
+            # the place on the body where it is at the end
+            if len(before) == 0:
+                place(s.mechanism, end)
+                before = s.mechanism.poses.copy()
+                place(s.mechanism, middle)
             rows.gap[a] -= change[a]
-            place(s.mechanism, middle)
-            write_gradients(s.mechanism, s.constraints, rows, a)
+            write_gradients(s.mechanism, s.constraints, rows, a, before)
     rows.size[0] = m
     return FOUND
 
@@ -160,7 +165,7 @@ def step_of_shared_closings(s: MechanismStep, t: float, q: Array, v: Array, h: f
     for a in range(count):
         gap[a] = s.rows.gap[a]
     s.constraints.given.time[0] = t + half
-    code = rows_in_the_middle(s, middle, change)
+    code = rows_in_the_middle(s, middle, end, change)
     if code != FOUND:
         return code
     if projects:
