@@ -163,7 +163,7 @@ class Flow:
         from scipy.integrate import DOP853
 
         self.system, self.rows = problem.system, rows
-        self.kernels = stages_of(problem.system, rows)
+        self.kernels = stages_of(rows)
         self.modes: Modes | None = None
         self._turning = turning_columns(problem.system)
         n = DOP853.n_stages
@@ -248,7 +248,7 @@ class Flow:
         if self.kernels is None or held is None:
             return None
         motion = self.kernels.motion
-        motion.torque[:] = self.system.torque(t, q, v)
+        motion.torque[:] = self.kernels.torque(t, q, v)
         accelerate(motion, held, plain_array(q), plain_array(v))
         return motion, held
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, cast
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,8 +22,6 @@ from ...constraints.mechanism.held_rows import (
 from ...constraints.mechanism.pairs import PairShapes
 from ...geometry.shapes.shape_table import Shapes  # noqa: F401  (a signature names it)
 from ...projection.tree_factor import factor_mass, least_change, span_equalities, unwhiten, whiten
-from ...system import System
-from ...system.mechanisms.articulated import ArticulatedSystem
 from ...system.mechanisms.chart import joint_chart_rates
 from ...system.mechanisms.mechanism import Mechanism, evaluate_nonlinear_effects, place, weigh
 from ...system.mechanisms.pinocchio_address import retract
@@ -219,10 +217,8 @@ class MechanismStages:
 
     Parameters
     ----------
-    system : ArticulatedSystem
-        What moves.
     kernels : KnownRows
-        The rows of its constraints.
+        What moves, and the rows of its constraints.
 
     Attributes
     ----------
@@ -232,7 +228,8 @@ class MechanismStages:
         Those that kernels know.
     """
 
-    def __init__(self, system: ArticulatedSystem, kernels: KnownRows) -> None:
+    def __init__(self, kernels: KnownRows) -> None:
+        system = kernels.system
         self._system, self.rows = system, kernels
         self.motion: SmoothMotion = held(smooth_motion(kernels.mechanism, system.nq, system.nv))
         self._sets: dict[bytes, HeldRows | None] = {}
@@ -245,6 +242,10 @@ class MechanismStages:
             return False
         self.motion.torque[:] = system.applied
         return True
+
+    def torque(self, t: float, q: Array, v: Array) -> Array:
+        """Return the torques that act, shape (nv,) [N, N m]."""
+        return self._system.torque(t, q, v)
 
     def gaps_along(self, way: tuple[Array, float, Array, Array, Array], index: Array) -> Array:
         """Return the gaps of some rows at n shares of a step, shape (n, k).
@@ -286,7 +287,6 @@ class MechanismStages:
         return self._sets[key]
 
 
-def stages_of(system: System, rows: SmoothRows) -> MechanismStages | None:
-    """Return the kernels for a system that is one mechanism of usual joints without equalities, else None."""
-    kernels = rows.kernels
-    return None if kernels is None else MechanismStages(cast("ArticulatedSystem", system), kernels)
+def stages_of(rows: SmoothRows) -> MechanismStages | None:
+    """Return the kernels for a system that moves as one mechanism of usual joints without equalities, else None."""
+    return None if rows.kernels is None else MechanismStages(rows.kernels)

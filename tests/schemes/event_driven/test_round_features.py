@@ -76,7 +76,8 @@ def test_sliding_off_an_edge_along_it(kind, first):
     run = mbvi.simulate(_on_an_edge(kind, first, start, 0.0), mbvi.EventDriven(1e-8), duration=0.4)
     assert run.notes == ()
     x, z = run.q[:, 0], run.q[:, 2]
-    last = np.flatnonzero(np.abs(np.hypot(x, z) - r) < 1e-9)[-1]
+    # a step that follows the release soon is near the circle, too
+    last = np.flatnonzero(np.abs(np.hypot(x, z) - r) < 1e-13)[-1]
     assert 0 < last < len(x) - 2
     np.testing.assert_allclose((run.v[:, :3] ** 2).sum(axis=1), 2 * G * (r * np.cos(start) - z), atol=1e-6)
     # the state at the release is recorded

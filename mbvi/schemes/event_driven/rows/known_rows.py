@@ -20,8 +20,9 @@ from ....constraints.mechanism.held_rows import (
 )
 from ....system import System
 from ....system.mechanisms.articulated import ArticulatedSystem
+from ....system.mechanisms.joined import can_be_joined, joined
 from ....system.mechanisms.mechanism import Mechanism, evaluate_nonlinear_effects, place, weigh
-from ....system.system import Array
+from ....system.system import Array, parts_of
 
 
 @kernel("void(Mechanism, RowParts, i8[::1], f8[::1], f8[::1])")
@@ -90,6 +91,8 @@ class KnownRows:
 
     Parameters
     ----------
+    system : ArticulatedSystem
+        The mechanism.
     mechanism : Mechanism
         A record of its own.
     parts : RowParts
@@ -97,14 +100,16 @@ class KnownRows:
 
     Attributes
     ----------
+    system
+        The same.
     mechanism, parts
         The same, as `held` returns them.
     known, rims : ndarray of bool, shape (m,)
         Which rows kernels know, and which are rims on faces.
     """
 
-    def __init__(self, mechanism: Mechanism, parts: RowParts) -> None:
-        self.mechanism, self._nv = held(mechanism), len(mechanism.parent)
+    def __init__(self, system: ArticulatedSystem, mechanism: Mechanism, parts: RowParts) -> None:
+        self.system, self.mechanism, self._nv = system, held(mechanism), len(mechanism.parent)
         self._room, self._all = held(row_room()), unknown_parts(0)
         self.add(parts)
 
@@ -150,8 +155,17 @@ class KnownRows:
 
 
 def known_rows(system: System, parts: RowParts) -> KnownRows | None:
-    """Return the rows of a system that is one mechanism of usual joints without equalities, else None."""
-    if not isinstance(system, ArticulatedSystem) or system.equalities:
+    """Return the rows of a system that moves as one mechanism of usual joints without equalities, else None.
+
+    Controls and forces may act on one mechanism; of several ones and of free bodies kernels know none.
+    """
+    whole = system
+    if not isinstance(system, ArticulatedSystem):
+        acted = (part.controlled or getattr(part, "springs", None) for part in parts_of(system))
+        if system.whole is not None or system.controlled or system.loaded or any(acted) or not can_be_joined(system):
+            return None
+        whole = joined(system)
+    if not isinstance(whole, ArticulatedSystem) or whole.equalities:
         return None
-    mechanism = system.mechanism()
-    return None if mechanism is None or not len(mechanism.tree.kind) else KnownRows(mechanism, parts)
+    mechanism = whole.mechanism()
+    return None if mechanism is None or not len(mechanism.tree.kind) else KnownRows(whole, mechanism, parts)
