@@ -53,6 +53,7 @@ def published_robot(
     restitution: float = 0.0,
     joints: Mapping[str, float] | None = None,
     control: Control | None = None,
+    friction: float = 0.0,
 ) -> Problem:
     """Return a published robot at rest over a floor; its mimic joints move on their own.
 
@@ -66,6 +67,8 @@ def published_robot(
         Newton's e.
     joints, control
         See `Scene.add_urdf`.
+    friction : float
+        Coefficient of friction of all contacts.
 
     Raises
     ------
@@ -73,7 +76,7 @@ def published_robot(
         If example-robot-data is not installed.
     """
     robot, file = PUBLISHED[name], robot_file(name)
-    scene = Scene(restitution=restitution)
+    scene = Scene(restitution=restitution, friction=friction)
     scene.add_halfspace((0.0, 0.0, 1.0), name="floor")
     place, base = (0.0, 0.0, _LIFTED if robot.free else 0.0), "free" if robot.free else "fixed"
     scene.add_urdf(file, base, place, joints=joints, control=control, name=name, mimic=False)

@@ -42,8 +42,9 @@ _SMALL = 0.01
 _BEFORE_STOP = 0.8
 # longest step after an event: this many times the step that ended at the event, or this time [s] if that is more
 _AFTER, _LEAST_AFTER = 10.0, 1e-6
-# events without progress in time after which steps of `Paoli` are taken
-_MOST_AT_ONCE = 50
+# events without progress in time after which steps of `Paoli` are taken, and with friction steps shorter than this
+# part of the tolerance [s]
+_MOST_AT_ONCE, _SHRUNK = 50, 1e-3
 # events that must not all be within the length of a step of `Paoli`: more accumulate without end
 _MOST_EVENTS = 1000
 # in this many steps and events, time must advance by this part of the duration
@@ -99,6 +100,11 @@ class EventDrivenIntegrator(MotionState):
                 self.closing.forget()
                 h = self._shorter(length, _LEAST_FACTOR, error)
                 continue
+            if step is None and self.modes is not None and length * factor < _LEAST_STEP * max(1.0, abs(self.t)):
+                # forces that grow without bound end in an impact without approach
+                yield from fall_back(self, end)
+                a, h = self.flow.acceleration(self.t, self.q, self.v, self.closed), _FIRST_STEP
+                continue
             if step is None:
                 h = self._shorter(length, factor)
                 continue
@@ -111,11 +117,14 @@ class EventDrivenIntegrator(MotionState):
             if event:
                 # the next event may follow as soon
                 h = min(h, max(_AFTER * share * length, _LEAST_AFTER))
-            at_once = at_once + 1 if event and step.h < _LEAST_STEP * max(1.0, abs(self.t)) else 0
+            # near Painlevé's configuration forces grow without bound, and steps shrink
+            shrinks = self.modes is not None and step.h < min(_SHRUNK * self.tolerance, end - step.t)
+            stays = shrinks or (event and step.h < _LEAST_STEP * max(1.0, abs(self.t)))
+            at_once = at_once + 1 if stays else 0
             self._advance(step, end)
             self._observe(step)
             yield step
-            if event:
+            if event or at_once > _MOST_AT_ONCE:
                 drop_features(self, first)
                 touching = touching_rows(self, union(first, self.closed), first)
                 # a pair that closes is replaced by the rows of its features, where these are clear

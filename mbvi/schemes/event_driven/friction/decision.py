@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ....errors import ProjectionError
-from ....projection.coulomb.friction import project_frictional
+from ....projection.coulomb.friction import FrictionalProjection, project_frictional
 from ....projection.coulomb.newton.cases import OPEN, STICK
 from ....system.system import Array
 from ..finding.release_events import OPENS, STAYS
@@ -46,6 +46,34 @@ class Decision(NamedTuple):
     force: Array
 
 
+def _within_modes(
+    equations: ModeEquations, slides: Array, way: Array, found: FrictionalProjection
+) -> FrictionalProjection | None:
+    """Return an answer of the law where all closed contacts slide on or stick as in `found`; None if it is none.
+
+    It is that of one linear system.
+    """
+    closed, mu = found.case != OPEN, equations.mu
+    sticks = closed & ~slides & (mu > 0.0)
+    if not closed.any() or (found.case[sticks] != STICK).any():
+        return None
+    normals = equations.normals._replace(J=equations.normals.J[closed], wanted=equations.normals.wanted[closed])
+    part = ModeEquations(normals, *(column[closed] for column in equations[1:]))
+    solved = part.forces(sticks[closed], way[closed])
+    pull, edge = np.linalg.norm(solved.tangential, axis=1), mu[closed] * solved.normal
+    opening = equations.normals.J @ solved.acceleration - equations.normals.wanted
+    if not (
+        solved.unique
+        and (solved.normal > 0.0).all()
+        and (pull <= edge * (1.0 + _RESIDUAL)).all()
+        and (opening >= -OPENS * equations.normals.scale).all()
+    ):
+        return None
+    percussion = np.zeros((len(mu), 3))
+    percussion[closed, 0], percussion[closed, 1:] = solved.normal, solved.tangential
+    return found._replace(velocity=solved.acceleration, percussion=percussion.ravel(), residual=0.0)
+
+
 def decide(equations: ModeEquations, slides: Array) -> Decision | None:
     """Return what Coulomb's law gives for accelerations, with unit step; None if it has no answer.
 
@@ -66,7 +94,10 @@ def decide(equations: ModeEquations, slides: Array) -> Decision | None:
     wide = np.concatenate([J[:, None], T], axis=1).reshape(3 * len(J), -1)
     try:
         found = project_frictional(free, metric, wide, lower.ravel(), mu)
-        if slides.any():
+        known = _within_modes(equations, slides, way, found) if slides.any() else None
+        if known is not None:
+            found = known
+        elif slides.any():
             # where N of sliding contacts is known, so is their friction: a law without the large speed
             lower[:, 1:] = equations.along
             response = metric.solve_rows(np.einsum("k,ki,kij->kj", mu, way, T))
