@@ -92,27 +92,45 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     arguments : sequence of str, optional
         By default those of the process.
     """
-    # UsageError of the click that typer uses, its own copy or the installed one
-    usage: Any = typer.BadParameter.__base__
     try:
         code = app(args=None if arguments is None else list(arguments), prog_name="mbvi", standalone_mode=False)
-    except usage as error:
-        # pydantic, inside typer, begins its messages so
-        said = error.format_message().replace("Value error, ", "")
-        _fail(f"{said} (see: {error.ctx.command_path if error.ctx else 'mbvi'} --help)")
-    except MbviError as error:
-        _fail(str(error), 1 if isinstance(error, _FAILED) else 2)
     except (typer.Abort, KeyboardInterrupt):
         # typer leaves those to Python that come before it calls the command
         code = 130
-    except MemoryError as error:
-        _fail(f"not enough memory: {error}; record less with --every, or simulate a shorter time")
-    except OSError as error:
-        _fail(f"{error.strerror or error}" + (f": {error.filename}" if error.filename else ""))
+    except Exception as error:
+        if not _hides_an_interrupt(error):
+            _fail_by(error)
+        code = 130
     # some versions of typer raise on Ctrl-C, others return the shell's code for it
     if code == 130:
         _fail("interrupted", 130)
     sys.exit(code if isinstance(code, int) else 0)
+
+
+def _hides_an_interrupt(error: BaseException | None) -> bool:
+    """Return whether an error comes from Ctrl-C while a class was made, which Python 3.11 turns into a RuntimeError."""
+    while error is not None:
+        if isinstance(error, RuntimeError) and isinstance(error.__cause__, KeyboardInterrupt):
+            return True
+        error = error.__cause__ or error.__context__
+    return False
+
+
+def _fail_by(error: Exception) -> NoReturn:
+    """Exit with the line and the code of an error, or raise it if it is none that users can be told."""
+    # UsageError of the click that typer uses, its own copy or the installed one
+    usage: Any = typer.BadParameter.__base__
+    if isinstance(error, usage):
+        # pydantic, inside typer, begins its messages so
+        said = error.format_message().replace("Value error, ", "")
+        _fail(f"{said} (see: {error.ctx.command_path if error.ctx else 'mbvi'} --help)")
+    if isinstance(error, MbviError):
+        _fail(str(error), 1 if isinstance(error, _FAILED) else 2)
+    if isinstance(error, MemoryError):
+        _fail(f"not enough memory: {error}; record less with --every, or simulate a shorter time")
+    if isinstance(error, OSError):
+        _fail(f"{error.strerror or error}" + (f": {error.filename}" if error.filename else ""))
+    raise error
 
 
 def _fail(message: str, code: int = 2) -> NoReturn:
