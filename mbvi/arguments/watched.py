@@ -17,6 +17,6 @@ def watched(items: Collection[T], what: str) -> Iterator[T]:
     if not sys.stderr.isatty():
         yield from items
         return
-    from tqdm import tqdm
+    from .bar import Bar
 
-    yield from tqdm(items, desc=what, delay=_PATIENCE, leave=False)
+    yield from Bar(items, desc=what, delay=_PATIENCE, leave=False)

@@ -6,7 +6,7 @@ import sys
 import time
 from types import TracebackType
 
-from tqdm import tqdm
+from ..arguments.bar import Bar
 
 # seconds after which the length of a run is estimated, and the length from which a bar is shown
 _PATIENCE, _LONG = 0.5, 3.0
@@ -24,7 +24,8 @@ class Progress:
     """
 
     def __init__(self, total: int, shown: bool | None) -> None:
-        self._total, self._bar = total, None
+        self._total = total
+        self._bar: Bar | None = None
         self._start = time.perf_counter()
         wanted = sys.stderr.isatty() if shown is None else shown
         self._next = (self._start + (0.0 if shown else _PATIENCE)) if wanted else float("inf")
@@ -42,7 +43,7 @@ class Progress:
         # the compiled loop may have left even the first step to Python
         expected = (now - self._start) / max(done, 1) * self._total
         if self._bar is None and (self._always or expected > _LONG):
-            self._bar = tqdm(total=self._total, unit="step", unit_scale=True)
+            self._bar = Bar(total=self._total, unit="step", unit_scale=True)
         if self._bar is not None:
             self._bar.update(done - self._bar.n)
         return self._next

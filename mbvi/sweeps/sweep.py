@@ -136,14 +136,13 @@ def missing_runs(folder: StudyFolder, count: int) -> np.ndarray:
 def _run(
     client: Client, allowed: int, folder: StudyFolder, study: Study, points: Points, missing: np.ndarray, sizes: Any
 ) -> None:
-    from tqdm import tqdm
-
+    from ..arguments.bar import Bar
     from .scheduling import Submission, run_missing
 
     name = getattr(study.make, "__name__", type(study.make).__name__).strip("<>")
     submission = Submission(client, folder, f"{folder.path.name}: {name}".replace("-", "_"), allowed)
     found: Counter[str] = Counter()
-    with tqdm(
+    with Bar(
         total=len(points),
         initial=len(points) - len(missing),
         unit="run",

@@ -128,13 +128,13 @@ def _checked_name(word: str, known: list[str], what: str) -> str:
 
 
 def _measured(tasks: list[tuple[str, Scheme | OwnStepsScheme]], e: float) -> list[Record]:
-    from tqdm import tqdm
+    from mbvi.arguments.bar import Bar
 
     from ..chart.cases import CASES
     from ..chart.workers import swept, worker
 
     records: list[Record] = []
-    with worker() as call, tqdm(tasks, unit="sweep", disable=None) as bar:
+    with worker() as call, Bar(tasks, unit="sweep", disable=None) as bar:
         for name, scheme in bar:
             bar.set_description(f"{name}, {type(scheme).__name__}")
             make: Callable[[float], Case] = CASES[name]
@@ -144,7 +144,7 @@ def _measured(tasks: list[tuple[str, Scheme | OwnStepsScheme]], e: float) -> lis
 
 def _peers(chosen: list[str], e: float) -> list[Record]:
     """Return the records of the engines that are installed, each run in a process of its own."""
-    from tqdm import tqdm
+    from mbvi.arguments.bar import Bar
 
     from ..chart.cases import CASES
     from ..chart.workers import worker
@@ -162,7 +162,7 @@ def _peers(chosen: list[str], e: float) -> list[Record]:
         if not peer.installed:
             print(f"{peer.name} is not installed: {peer.install}")
             continue
-        with worker(silent=True) as call, tqdm(mapped, unit="sweep", disable=None, desc=peer.name) as bar:
+        with worker(silent=True) as call, Bar(mapped, unit="sweep", disable=None, desc=peer.name) as bar:
             for name in bar:
                 try:
                     records += call(sweep_peer, peer.module, CASES[name], e)

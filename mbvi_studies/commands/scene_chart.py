@@ -124,7 +124,7 @@ def _friction(budget: float) -> SceneChart:
 
 
 def _measured(chart: SceneChart, scenes: Sequence[str], peers: bool) -> list[Any]:
-    from tqdm import tqdm
+    from mbvi.arguments.bar import Bar
 
     from ..chart.workers import worker
     from ..engines import PEERS
@@ -135,7 +135,7 @@ def _measured(chart: SceneChart, scenes: Sequence[str], peers: bool) -> list[Any
             print(f"{peer.name} is not installed: {peer.install}")
     running = [peer for peer in others if peer.installed]
     records: list[Any] = []
-    with tqdm(total=len(scenes) * (1 + len(running)), unit="sweep", disable=None) as bar:
+    with Bar(total=len(scenes) * (1 + len(running)), unit="sweep", disable=None) as bar:
         for scene in scenes:
             bar.set_description(f"{scene}, mbvi")
             with worker() as call:

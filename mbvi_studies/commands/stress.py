@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from tqdm import tqdm
 
+from mbvi.arguments.bar import Bar
 from mbvi.cli.help_texts import examples
 from mbvi.errors import InputError
 
@@ -62,7 +62,7 @@ def stress(
     tolerances = tolerance or _TOLERANCES
     total = len(chosen) * (len(SCHEMES) * len(steps) + len(tolerances))
     cells: list[Cell] = []
-    with tqdm(total=total, unit="run") as bar:
+    with Bar(total=total, unit="run") as bar:
         for cell in sweep(chosen, steps, tolerances, budget):
             cells.append(cell)
             bar.set_postfix_str(f"{cell.scene}, {cell.scheme}", refresh=False)
@@ -95,7 +95,7 @@ def _peers(scenes: Sequence[StressScene], steps: Sequence[float], budget: float)
         if not peer.installed:
             print(f"{peer.name} is not installed: {peer.install}")
             continue
-        with tqdm(total=len(scenes) * len(steps), unit="run", desc=peer.name) as bar:
+        with Bar(total=len(scenes) * len(steps), unit="run", desc=peer.name) as bar:
             try:
                 for cell in sweep_peer(peer, scenes, steps, budget):
                     cells.append(cell)

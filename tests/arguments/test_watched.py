@@ -1,14 +1,13 @@
 """A bar is seen on a terminal only, after a second, and the items are the same with and without it."""
 
 import os
-import subprocess
 import sys
 import termios
 
 import pytest
 
 from mbvi.arguments import watched
-from support.programs import LIMIT
+from support.programs import LIMIT, started
 
 SLOW = """
 import sys, time
@@ -19,16 +18,27 @@ for k in watched(range(5), "parts"):
 """
 
 
-def test_without_a_terminal_items_are_yielded_as_they_are(capsys):
-    assert list(watched("abc", "letters")) == ["a", "b", "c"]
-    assert capsys.readouterr().err == ""
+# Ctrl-C within the making of the bar
+INTERRUPTED = """
+import os, signal, sys
+from mbvi.arguments import watched
+def called(frame, event, argument):
+    if event == "call" and frame.f_code.co_qualname == "EMA.__init__":
+        sys.setprofile(None)
+        os.kill(os.getpid(), signal.SIGINT)
+sys.setprofile(called)
+try:
+    list(watched(range(5), "parts"))
+except KeyboardInterrupt:
+    print("interrupted")
+"""
 
 
-@pytest.mark.parametrize(("seconds", "shown"), [(0.4, True), (0.01, False)])
-def test_a_terminal_shows_a_bar_after_a_second_and_clears_it(seconds, shown):
+def on_a_terminal(*command):
+    """What a program writes to stdout, and what a terminal shows of its stderr."""
     terminal, end = os.openpty()
     termios.tcsetwinsize(end, (24, 80))
-    with subprocess.Popen([sys.executable, "-c", SLOW, str(seconds)], stdout=subprocess.PIPE, stderr=end) as child:
+    with started(command, stderr=end, text=False) as child:
         os.close(end)
         said = b""
         try:
@@ -37,9 +47,25 @@ def test_a_terminal_shows_a_bar_after_a_second_and_clears_it(seconds, shown):
         except OSError:
             # the other end is closed
             pass
-        assert child.stdout.read().split() == [b"0", b"1", b"2", b"3", b"4"]
+        printed = child.stdout.read()
         assert child.wait(LIMIT) == 0
     os.close(terminal)
+    return printed, said
+
+
+def test_without_a_terminal_items_are_yielded_as_they_are(capsys):
+    assert list(watched("abc", "letters")) == ["a", "b", "c"]
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize(("seconds", "shown"), [(0.4, True), (0.01, False)])
+def test_a_terminal_shows_a_bar_after_a_second_and_clears_it(seconds, shown):
+    printed, said = on_a_terminal(sys.executable, "-c", SLOW, seconds)
+    assert printed.split() == [b"0", b"1", b"2", b"3", b"4"]
     assert (b"parts:" in said) is shown
     assert not said.rpartition(b"\r")[2].strip()
     assert not said.replace(b"\r", b"\n").strip().endswith(b"%")
+
+
+def test_an_interrupt_while_the_bar_is_made_says_nothing_of_its_own():
+    assert on_a_terminal(sys.executable, "-c", INTERRUPTED) == (b"interrupted\n", b"")

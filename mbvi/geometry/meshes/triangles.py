@@ -7,9 +7,9 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from tqdm import tqdm
 
 from ...arguments import Array
+from ...arguments.bar import Bar
 from ...errors import InputError
 
 # vertices nearer than this part of the mesh's extent are merged; triangles of less than its square have no area
@@ -80,7 +80,7 @@ class Surface:
             raise InputError(f"triangles name vertices that are not there: there are {len(points)}")
         extent = float(np.ptp(points, axis=0).max())
         # nothing is shown where no terminal is, nor for a mesh that takes less than `_PATIENCE`
-        with tqdm(total=5, desc="mesh", unit="part", delay=_PATIENCE, disable=None, leave=False) as bar:
+        with Bar(total=5, desc="mesh", unit="part", delay=_PATIENCE, disable=None, leave=False) as bar:
             # an STL file repeats a vertex for each of its triangles
             grid = np.round((points - points.min(axis=0)) / max(_SAME_VERTEX * extent, 1e-300)).astype(np.int64)
             first, welded = _first_of_each(grid)
