@@ -1,5 +1,6 @@
 """Plots: thinned curves keep their envelopes, and every panel has labels, units and the values of the run."""
 
+import pickle
 import sys
 from dataclasses import replace
 
@@ -7,6 +8,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from IPython.core.formatters import DisplayFormatter
+from matplotlib.figure import Figure
 from scipy.spatial import cKDTree
 
 import mbvi
@@ -181,12 +184,22 @@ def test_the_figure_has_labels_and_units_on_every_axis(sliding):
             assert axis.get_legend().get_window_extent().y0 >= axis.get_window_extent().y1 - 1.0
 
 
+def test_a_notebook_shows_the_figure_as_a_picture(run):
+    """In a process without pyplot, as IPython asks for it; matplotlib's own figure is shown as text only."""
+    figure = run.plot()
+    shown, _ = DisplayFormatter().format(figure)
+    width, height = np.frombuffer(shown["image/png"][16:24], ">u4")
+    np.testing.assert_array_equal([width, height], figure.bbox.size.astype(int))
+    assert isinstance(figure, Figure) and pickle.loads(pickle.dumps(figure)).axes
+
+
 def test_what_cannot_be_plotted_is_said(run, monkeypatch):
     one = {name: getattr(run, name)[:1].copy() for name in ("t", "q", "v", "residual")}
     with pytest.raises(mbvi.InputError, match="nothing to plot: the run has one state"):
         replace(run, impacts=(), **one).plot()
     with pytest.raises(mbvi.InputError, match=r"what run\.diagnosis\(\) returned"):
         run.plot(diagnosis=1.0)
+    monkeypatch.delitem(sys.modules, "mbvi.results.plots.notebook", raising=False)
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     with pytest.raises(mbvi.InputError, match=r"pip install 'mbvi\[charts\]'"):
         run.plot()

@@ -32,7 +32,7 @@ def figure(run: RunData, diagnosis: Diagnosis | None, no_diagnosis: str) -> Figu
         If matplotlib is not installed, or there is nothing to plot.
     """
     try:
-        from matplotlib.figure import Figure
+        from .notebook import NotebookFigure
     except ImportError as error:
         raise InputError("run.plot() needs matplotlib: pip install 'mbvi[charts]'") from error
     shown, omitted = panels(run, diagnosis, no_diagnosis)
@@ -40,7 +40,7 @@ def figure(run: RunData, diagnosis: Diagnosis | None, no_diagnosis: str) -> Figu
         raise InputError(f"there is nothing to plot: {omitted[0].reason}")
     columns = min(_COLUMNS, len(shown))
     rows = -(-len(shown) // columns)
-    made = Figure(figsize=(_WIDTH * columns, _HEIGHT * rows + 0.4), layout="constrained")
+    made = NotebookFigure(figsize=(_WIDTH * columns, _HEIGHT * rows + 0.4), layout="constrained")
     axes = made.subplots(rows, columns, squeeze=False, sharex=True).ravel()
     for axis, panel in zip(axes, shown, strict=False):
         _draw(axis, panel)

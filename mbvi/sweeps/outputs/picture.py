@@ -48,14 +48,14 @@ def plot_sweep(ds: xr.Dataset, names: Sequence[str] | None = None) -> Figure:
     """
     table = _table(ds, optional(several_names, names, "names"))
     try:
-        from matplotlib.figure import Figure
+        from ...results.plots.notebook import NotebookFigure
     except ImportError as error:
         raise InputError("pictures need matplotlib: pip install 'mbvi[charts]'") from error
     varied = [name for name, values in table.parameters.items() if len(np.unique(values)) > 1] or list(table.parameters)
     if table.grid and len(varied) == 2:
         columns = min(len(table.quantities), 3)
         rows = -(-len(table.quantities) // columns)
-        figure = Figure(figsize=(4.6 * columns + 0.4, 3.7 * rows + 0.3), layout="constrained")
+        figure = NotebookFigure(figsize=(4.6 * columns + 0.4, 3.7 * rows + 0.3), layout="constrained")
         panels = figure.subplots(rows, columns, squeeze=False).ravel()
         for panel, name in zip(panels, table.quantities, strict=False):
             _map(figure, panel, table, name, varied)
@@ -65,7 +65,7 @@ def plot_sweep(ds: xr.Dataset, names: Sequence[str] | None = None) -> Figure:
         if len(table.quantities) * len(varied) > _MOST_PANELS:
             raise InputError(f"more than {_MOST_PANELS} panels: choose quantities by names=")
         size = (3.4 * len(varied) + 0.6, 2.6 * len(table.quantities) + 0.5)
-        figure = Figure(figsize=size, layout="constrained")
+        figure = NotebookFigure(figsize=size, layout="constrained")
         lines = figure.subplots(len(table.quantities), len(varied), squeeze=False, sharex="col", sharey="row")
         for line, quantity in zip(lines, table.quantities, strict=True):
             for panel, name in zip(line, varied, strict=True):
