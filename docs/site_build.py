@@ -3,10 +3,12 @@
 import gzip
 import html
 import json
+import os
 import re
 import sys
 import tomllib
 from pathlib import Path
+from typing import Any
 
 from latex2mathml.converter import convert
 from mkdocs.config.defaults import MkDocsConfig
@@ -22,12 +24,21 @@ VERSION = "@VERSION@"
 CHART = re.compile(r'<img [^>]*src="([^"]+\.png)"[^>]*>')
 # the script that mkdocs-material would fetch, and the one of docs/ that replaces it
 FETCHED, OWN = "https://unpkg.com/iframe-worker/shim", "file_search.js"
+# by this mark a script of mkdocs-material finds the link to the repository, and asks its host for numbers
+ASKING = ' data-md-component="source"'
+
+
+def on_config(config: MkDocsConfig, **_: object) -> None:
+    """Link the repository that MBVI_REPOSITORY or pyproject.toml names, if any."""
+    address = os.environ.get("MBVI_REPOSITORY") or _project().get("urls", {}).get("Repository", "")
+    if address:
+        config.repo_url = address.rstrip("/")
+        config.repo_name = config.repo_url.partition("://")[2].partition("/")[2] or config.repo_url
 
 
 def on_page_content(content: str, **_: object) -> str:
     """Return the page with formulas as MathML, which browsers draw without scripts, and links from its pictures."""
-    version = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
-    content = CARD.sub(_card, FORMULA.sub(_formula, content)).replace(VERSION, version)
+    content = CARD.sub(_card, FORMULA.sub(_formula, content)).replace(VERSION, _project()["version"])
     return CHART.sub(r'<a href="\1">\g<0></a>', content)
 
 
@@ -47,13 +58,18 @@ def on_post_build(config: MkDocsConfig, **_: object) -> None:
 
 
 def on_post_page(output: str, page: Page, **_: object) -> str:
-    """Return the page with the script of the search from the site itself."""
-    return output.replace(FETCHED, get_relative_url(OWN, page.url))
+    """Return the page with the script of the search from the site itself, and no script that asks other hosts."""
+    return output.replace(FETCHED, get_relative_url(OWN, page.url)).replace(ASKING, "")
 
 
 def on_post_template(output: str, **_: object) -> str:
     """Return a page that is none of docs/, such as 404.html, in the same way."""
-    return output.replace(FETCHED, f"/{OWN}")
+    return output.replace(FETCHED, f"/{OWN}").replace(ASKING, "")
+
+
+def _project() -> dict[str, Any]:
+    project: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    return project
 
 
 def _card(found: re.Match[str]) -> str:

@@ -14,6 +14,8 @@ from mbvi.results.replay.browser import Browser, page_address
 from support.browser import needs_browser
 from support.paths import DOCS, EXAMPLES, ROOT
 
+REPOSITORY = "https://github.com/owner/name"
+
 
 def test_every_public_name_has_an_entry_of_the_reference():
     entries = re.findall(r"^::: (\S+)$", "\n".join(page.read_text() for page in DOCS.rglob("*.md")), re.M)
@@ -56,7 +58,7 @@ def site(tmp_path_factory):
     """Build the site; mkdocs is strict, so that a link without a target is an error."""
     pytest.importorskip("mkdocs")
     folder = tmp_path_factory.mktemp("site")
-    environment = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}
+    environment = {**os.environ, "NO_MKDOCS_2_WARNING": "1", "MBVI_REPOSITORY": REPOSITORY}
     command = [sys.executable, "-m", "mkdocs", "build", "--quiet", "--site-dir", str(folder)]
     done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
@@ -85,6 +87,14 @@ def test_the_site_is_built_with_all_names_formulas_and_a_search_of_its_own(site)
             and file.read_text().splitlines()[0].strip('"') not in html.unescape(text)] == []  # fmt: skip
     index = json.loads((site / "search/search_index.json").read_text())
     assert any("percussion" in entry["text"] for entry in index["docs"])
+
+
+@pytest.mark.slow(seconds=12)
+def test_every_page_links_the_repository_and_asks_its_host_for_nothing(site):
+    for page in (site / "index.html", site / "howto/robots.html", site / "404.html"):
+        text = page.read_text()
+        assert set(re.findall(r'href="(https://github[^"]*)"', text)) == {REPOSITORY}, page
+        assert 'data-md-component="source"' not in text and "owner/name\n" in text, page
 
 
 @needs_browser
