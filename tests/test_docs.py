@@ -118,6 +118,20 @@ def test_the_first_page_and_the_gallery_play_replays(site):
 
 
 @needs_browser
+@pytest.mark.slow(seconds=15)
+def test_every_visit_follows_the_colors_of_the_system(site):
+    with Browser(1280, 900) as browser:
+        for system, scheme in (("dark", "slate"), ("light", "default"), ("dark", "slate")):
+            wanted = [{"name": "prefers-color-scheme", "value": system}]
+            browser.call("Emulation.setEmulatedMedia", features=wanted)
+            browser.open(page_address(site / "howto/robots.html"), "document.readyState === 'complete'")
+            assert browser.evaluate("document.body.dataset.mdColorScheme") == scheme
+        # while it is open, too
+        browser.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": "light"}])
+        browser.wait("document.body.dataset.mdColorScheme === 'default'")
+
+
+@needs_browser
 @pytest.mark.slow(seconds=60)
 @pytest.mark.parametrize("width", [390, 1280])
 def test_no_page_is_wider_than_its_window_and_no_code_is_cut_on_a_screen(site, width):
