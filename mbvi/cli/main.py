@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import logging
 import sys
 from collections.abc import Callable, Sequence
@@ -92,6 +93,7 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     arguments : sequence of str, optional
         By default those of the process.
     """
+    _print_any_character()
     try:
         code = app(args=None if arguments is None else list(arguments), prog_name="mbvi", standalone_mode=False)
     except (typer.Abort, KeyboardInterrupt):
@@ -105,6 +107,14 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     if code == 130:
         _fail("interrupted", 130)
     sys.exit(code if isinstance(code, int) else 0)
+
+
+def _print_any_character() -> None:
+    """Print characters that the terminal has not as escapes: names may have any."""
+    for stream in (sys.stdout, sys.stderr):
+        # others were chosen by the user
+        if isinstance(stream, io.TextIOWrapper) and stream.errors in ("strict", "surrogateescape"):
+            stream.reconfigure(errors="backslashreplace")
 
 
 def _hides_an_interrupt(error: BaseException | None) -> bool:

@@ -1,9 +1,12 @@
 """`mbvi run` runs what a file of Python makes; a model from a MJCF runs by `mbvi simulate`."""
 
+import sys
+
 import pytest
 
 import mbvi
 from mbvi.cli.run import _values
+from support.programs import environment, run
 
 SCENE = """
 import mbvi
@@ -119,3 +122,10 @@ def test_what_a_mjcf_loses_is_a_note(command, tmp_path):
         assert (code, err) == (0, "") and out.count(
             "note         ball.xml: the file also holds what is not modelled: actuator 0"
         ) == 1
+
+
+def test_a_terminal_of_few_characters_shows_the_others_as_escapes(tmp_path):
+    (tmp_path / "named.py").write_text(SCENE, encoding="utf-8")
+    command = [sys.executable, "-m", "mbvi", "run", "named.py", "--set", "height=0.2", "--set", "words=Käse 日"]
+    done = run(command, cwd=tmp_path, env=environment() | {"PYTHONIOENCODING": "ascii"})
+    assert (done.returncode, done.stderr) == (0, "") and r"K\xe4se_\u65e5 | floor" in done.stdout
