@@ -57,6 +57,9 @@ class ErrorEstimate:
         """The largest error up to the fork, in the units of `error`."""
         return float(np.nanmax(self.error))
 
+    def __repr__(self) -> str:
+        return f"ErrorEstimate(largest={self.largest:.1e}, fork={self.fork:g}, times={len(self.t)})"
+
     def __str__(self) -> str:
         until = f" until t = {self.fork:.6g} s" if np.isfinite(self.fork) else ""
         lines = [

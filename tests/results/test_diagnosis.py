@@ -197,3 +197,12 @@ def test_bad_arguments_of_diagnosis(tmp_path):
     run.save(tmp_path / "run.h5")
     with pytest.raises(mbvi.InputError, match="no problem"):
         mbvi.load(tmp_path / "run.h5").diagnosis()
+
+
+def test_an_interactive_session_shows_one_line():
+    case = mbvi.reference.bouncing_ball(0.5, height=1.0, duration=1.0)
+    run = mbvi.simulate(case.problem, mbvi.Paoli(), step=1e-2, duration=1.0)
+    found, estimate = run.diagnosis(), run.error_estimate()
+    assert repr(found) == f"Diagnosis(horizon=inf, instants={len(found.instants)}, jumps=0)"
+    largest = f"{estimate.largest:.1e}"
+    assert repr(estimate) == f"ErrorEstimate(largest={largest}, fork=inf, times={len(estimate.t)})"

@@ -133,6 +133,9 @@ class Diagnosis:
     dead_centres: tuple[float, ...] = ()
     switches: tuple[float, ...] = ()
 
+    def __repr__(self) -> str:
+        return f"Diagnosis(horizon={self.horizon:g}, instants={len(self.instants)}, jumps={len(self.jumps)})"
+
     def __str__(self) -> str:
         return self.report()
 
