@@ -8,15 +8,12 @@ from typing import TypeVar
 
 T = TypeVar("T")
 
-# seconds before a bar is shown
-_PATIENCE = 1.0
-
 
 def watched(items: Collection[T], what: str) -> Iterator[T]:
     """Yield items; on a terminal a bar shows how many are done, from the second second on until the last one."""
     if not sys.stderr.isatty():
         yield from items
         return
-    from .bar import Bar
+    from .bar import PATIENCE, Bar
 
-    yield from Bar(items, desc=what, delay=_PATIENCE, leave=False)
+    yield from Bar(items, desc=what, delay=PATIENCE, leave=False)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 import numpy as np
 import typer
 
+from ..arguments.bar import parts
 from ..errors import InadmissibleStartError, InputError
 
 if TYPE_CHECKING:
@@ -92,10 +93,12 @@ class RobotOnFloor(NamedTuple):
             except InadmissibleStartError as error:
                 raise InadmissibleStartError(f"{error}; --height raises the base, --joint bends a joint") from error
         height = DROP_HEIGHT if height is None else height
-        problem = build(FAR_ABOVE, ())
-        floors = [family for family in problem.constraints.families if family.name(0).endswith(" | floor")]
-        lowest = [FAR_ABOVE - float(family.gap(problem.t0, problem.q0).min()) for family in floors]
-        return build(height + min(lowest, default=0.0))
+        with parts(2, "robot") as bar:
+            problem = build(FAR_ABOVE, ())
+            floors = [family for family in problem.constraints.families if family.name(0).endswith(" | floor")]
+            lowest = [FAR_ABOVE - float(family.gap(problem.t0, problem.q0).min()) for family in floors]
+            bar.update()
+            return build(height + min(lowest, default=0.0))
 
     @property
     def _mjcf(self) -> bool:

@@ -7,7 +7,7 @@ import termios
 import pytest
 
 from mbvi.arguments import watched
-from support.programs import LIMIT, started
+from support.programs import LIMIT, environment, started
 
 SLOW = """
 import sys, time
@@ -33,12 +33,26 @@ except KeyboardInterrupt:
     print("interrupted")
 """
 
+# with bars from the start
+WORK = """
+import mbvi, mbvi.arguments.bar
+from mbvi.cli.main import main
+mbvi.arguments.bar.PATIENCE = 1e-9
+scene = mbvi.Scene()
+scene.add_halfspace((0, 0, 1))
+scene.add_sphere(0.1, position=(0, 0, 0.5))
+run = mbvi.simulate(scene.build(), mbvi.Paoli(), step=1e-3, duration=0.1, progress=True)
+run.replay_html("replay.html")
+run.energies()
+main(["inspect", "robot:hopper"])
+"""
 
-def on_a_terminal(*command):
+
+def on_a_terminal(*command, **options):
     """What a program writes to stdout, and what a terminal shows of its stderr."""
     terminal, end = os.openpty()
     termios.tcsetwinsize(end, (24, 80))
-    with started(command, stderr=end, text=False) as child:
+    with started(command, stderr=end, text=False, **options) as child:
         os.close(end)
         said = b""
         try:
@@ -69,3 +83,10 @@ def test_a_terminal_shows_a_bar_after_a_second_and_clears_it(seconds, shown):
 
 def test_an_interrupt_while_the_bar_is_made_says_nothing_of_its_own():
     assert on_a_terminal(sys.executable, "-c", INTERRUPTED) == (b"interrupted\n", b"")
+
+
+def test_runs_pages_energies_and_robots_show_bars(tmp_path):
+    # these parts end sooner than tqdm draws again
+    variables = environment() | {"TQDM_MININTERVAL": "0"}
+    _, said = on_a_terminal(sys.executable, "-c", WORK, cwd=tmp_path, env=variables)
+    assert all(name in said for name in (b"100/100 ", b"page:", b"energies:", b"robot:"))

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...arguments import Array
-from ...arguments.bar import Bar
+from ...arguments.bar import parts
 from ...errors import InputError
 
 # vertices nearer than this part of the mesh's extent are merged; triangles of less than its square have no area
@@ -18,8 +18,6 @@ _SAME_VERTEX = 1e-9
 FEW = 4
 # bits of each coordinate along the curve on which triangles are sorted: three times 21 fit into an integer
 _BITS = 21
-# seconds after which a mesh that is being prepared shows a bar
-_PATIENCE = 1.0
 
 
 class Tree(NamedTuple):
@@ -79,8 +77,7 @@ class Surface:
         if corners.size and not 0 <= corners.min() <= corners.max() < len(points):
             raise InputError(f"triangles name vertices that are not there: there are {len(points)}")
         extent = float(np.ptp(points, axis=0).max())
-        # nothing is shown where no terminal is, nor for a mesh that takes less than `_PATIENCE`
-        with Bar(total=5, desc="mesh", unit="part", delay=_PATIENCE, disable=None, leave=False) as bar:
+        with parts(5, "mesh") as bar:
             # an STL file repeats a vertex for each of its triangles
             grid = np.round((points - points.min(axis=0)) / max(_SAME_VERTEX * extent, 1e-300)).astype(np.int64)
             first, welded = _first_of_each(grid)

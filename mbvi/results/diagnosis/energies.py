@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ...arguments import watched
 from ...errors import InputError
 from ...problem import Problem
 from ..run_data import Array, RunData, Switch, arriving, by_problem
@@ -39,7 +40,7 @@ def energies(
     begins = [problem.t0, *(one.time for one in switches)]
     for part, which in by_problem(problem, switches, t):
         system = part.system
-        for i in which.tolist():
+        for i in watched(which.tolist(), "energies"):
             ti, qi, vi = float(t[i]), q[i], v[i]
             shift = max(jump - 0.5, 0.0) * h if ti <= begins[0] or ti in begins else (jump - 0.5) * h
             middle = system.integrate(qi, shift * vi)

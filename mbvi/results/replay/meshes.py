@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 from typing import Any, NamedTuple
 
 import meshcat.geometry as g
@@ -121,6 +122,7 @@ def cone_mesh() -> g.Mesh:
     return g.Mesh(_revolved([(0.0, 0.0), (1.0, 1.0)], _SEGMENTS), material)
 
 
+@cache
 def _striped(segments: int) -> g.Geometry:
     """Return a unit sphere with dark stripes from pole to pole."""
     down = np.linspace(0.0, np.pi, segments // 2 + 1)

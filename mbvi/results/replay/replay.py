@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import meshcat
 import numpy as np
 
+from ...arguments.bar import parts
 from ...errors import TrajectoryFileError
 from ...scene.overview import things_of
 from .encoding import TURN_STEP, encode, packed, quantised, text_of
@@ -97,34 +98,46 @@ def page_of(run: PlayableRun, shapes: str = "visual", speed: float = 1.0) -> Pag
     connected = connection_marks(run)
     every = [*(placed for shown in kinds.values() for placed in shown), *connected]
     moves, page = motion(run, every), Page()
-    lower, upper = bounds(scene, moves, kinds[shapes])
-    radius = max(0.5 * float(np.linalg.norm(upper - lower)), 1e-9)
-    vis = meshcat.Visualizer(window=page)
-    _light(vis)
-    _draw_walls(vis, scene, lower, upper)
-    groups = _groups(kinds, moves, scene, rolling=scene.items.frictional)
-    groups += _connections(connected, moves, _CONNECTION * radius)
-    for k, group in enumerate(groups):
-        vis["instances"][str(k)].set_object(group.drawn.mesh)
-    for k, mesh in enumerate((arrow_mesh(), cone_mesh(), normal_mesh())):
-        vis["marks"][str(k)].set_object(mesh)
-    both = sum(_KINDS.values())
-    first = both if all(set(group.kinds) == {both} for group in groups) else _KINDS[shapes]
-    # long arrows would hide many small bodies
+    with parts(6, "page") as bar:
+        lower, upper = bounds(scene, moves, kinds[shapes])
+        radius = max(0.5 * float(np.linalg.norm(upper - lower)), 1e-9)
+        bar.update()
+        vis = meshcat.Visualizer(window=page)
+        _light(vis)
+        _draw_walls(vis, scene, lower, upper)
+        groups = _groups(kinds, moves, scene, rolling=scene.items.frictional)
+        groups += _connections(connected, moves, _CONNECTION * radius)
+        bar.update()
+        for k, group in enumerate(groups):
+            vis["instances"][str(k)].set_object(group.drawn.mesh)
+        for k, mesh in enumerate((arrow_mesh(), cone_mesh(), normal_mesh())):
+            vis["marks"][str(k)].set_object(mesh)
+        bar.update()
+        page.title = f"{things_of(run.problem)} by {run.scheme}{f', h = {run.step:g} s' if run.step else ''}"
+        page.data = _poses(moves) | {"names": _names(moves, every), "groups": [group.data() for group in groups]}
+        bar.update()
+        both = sum(_KINDS.values())
+        first = both if all(set(group.kinds) == {both} for group in groups) else _KINDS[shapes]
+        page.data |= {
+            "lower": lower.tolist(), "upper": upper.tolist(), "radius": radius, "speed": speed, "shapes": first,
+        }  # fmt: skip
+        page.data |= _events(run, moves, scene, radius)
+        bar.update()
+        page.data |= _colors(run, moves)
+    return page
+
+
+def _events(run: PlayableRun, moves: Motion, scene: SceneModel, radius: float) -> dict[str, Any]:
+    """Return what happens at instants: marks of percussions and contacts, impacts, and what is switched."""
     assert run.problem is not None
+    # long arrows would hide many small bodies
     length = min(radius, _LONGEST * run.problem.length)
-    page.title = f"{things_of(run.problem)} by {run.scheme}{f', h = {run.step:g} s' if run.step else ''}"
-    page.data = {
-        **_poses(moves),
-        "lower": lower.tolist(), "upper": upper.tolist(), "radius": radius, "speed": speed, "shapes": first,
-        "frictional": scene.items.frictional, "driven": moves.driven, "names": _names(moves, every),
-        "groups": [group.data() for group in groups],
+    return {
+        "frictional": scene.items.frictional, "driven": moves.driven,
         "marks": packed(marks(run, moves, length).astype(np.float32)), "crowded": crowded(run, moves),
         "impacts": packed(_instants(run)),
         "couplings": [*map(str, scene.items.couplings), *map(str, run.record.switches)],
-        **_colors(run, moves),
     }  # fmt: skip
-    return page
 
 
 def _instants(run: PlayableRun) -> Array:
