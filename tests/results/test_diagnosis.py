@@ -206,3 +206,23 @@ def test_an_interactive_session_shows_one_line():
     assert repr(found) == f"Diagnosis(horizon=inf, instants={len(found.instants)}, jumps=0)"
     largest = f"{estimate.largest:.1e}"
     assert repr(estimate) == f"ErrorEstimate(largest={largest}, fork=inf, times={len(estimate.t)})"
+
+
+def test_gaps_of_what_rests_are_measured_once():
+    calls = []
+
+    def gap(q):
+        calls.append(q)
+        return q[0]
+
+    system = mbvi.LagrangianSystem(
+        lambda q: np.eye(1), lambda t, q, v: np.array([-9.81]), 1, potential=lambda q: 9.81 * q[0]
+    )
+    floor = mbvi.GapFunction(gap, lambda q: np.ones(1), name="floor")
+    run = mbvi.simulate(mbvi.Problem(system, [floor], [0.01], [0.0]), mbvi.Paoli(), step=1e-3, duration=1.0)
+    moved = 1 + np.flatnonzero(np.diff(run.q[:, 0])).max()
+    calls.clear()
+    found = run.diagnosis()
+    assert len(calls) <= 2 * (moved + 1) < 0.2 * len(run.t)
+    # the balance holds over the steps at rest as well
+    assert found.variation == sum(np.abs(np.diff(run.v[:, 0], prepend=0.0))) and found.energy_excess < 1e-12

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
@@ -15,8 +16,8 @@ from ...errors import InputError, ProjectionError
 from ...impacts import condition_12_violation, cosines_between, follow, independent, unit_gradients
 from ...projection import Projector
 from ...schemes.observer import observer
-from ...system.free.sparse_rows import dense
 from ..run_data import Impact, RunData, legs
+from .active_rows import ActiveRows, with_full_gradients
 from .dead_centres import dead_centres
 from .diagnosis import Array, Diagnosis, Instant
 from .energies import energy_of_projection
@@ -36,8 +37,6 @@ _DEPENDENT = 1e-6
 _INSTANT, _ROUNDING = 1e-6, 1e-10
 # energies relative to the sum of percussions times speeds that count as zero
 _ENERGY_ROUNDING = 1e-9
-# most numbers of all gradients and angles at one instant
-_MOST_ENTRIES = 30_000_000
 # most constraints in one impact of a run that is diagnosed without being asked
 _MOST_AT_ONCE = 32
 # length below which a gradient counts as zero
@@ -97,7 +96,7 @@ def _look_at(run: RunData, found: _Instants, sums: _Sums) -> list[Jump]:
     assert run.problem is not None
     problem, system = run.problem, run.problem.system
     struck = np.array([impact.time for impact in run.impacts])
-    jumps = Jumps(problem)
+    jumps, rows = Jumps(problem), ActiveRows(problem)
     found.problem = problem
     for state in states(run):
         t, q, before, v, h, step, again = state
@@ -105,31 +104,33 @@ def _look_at(run: RunData, found: _Instants, sums: _Sums) -> list[Jump]:
         # with torsional and rolling friction a second solution is not looked for
         if again is not None and problem.constraints.frictional and problem.constraints.resistance is None:
             jumps.add(t, before, v, metric, h * system.force(t, q, before), (1.0 - run.record.timing.jump) * h, again)
-        sums.variation += float(np.linalg.norm(v - before))
+        change, twice = v - before, v + before
+        sums.variation += math.sqrt(change.dot(change))
         if step is not None:
             rest = (1.0 - run.record.timing.jump) * h
             sums.raised += energy_of_projection(problem, t, q, step.q, step.v, rest)
             gained = 0.5 * float(step.percussion @ (step.before + step.after))
             lengths = problem.constraints.levers(step.active.constraint) * step.active.gap
             # rows near enough to close within the step join the law; those that stay open are no contacts
-            active = _dense(take(step.active, (step.percussion > 0.0) | (lengths <= problem.tolerance)))
+            active = with_full_gradients(take(step.active, (step.percussion > 0.0) | (lengths <= problem.tolerance)))
             if step.slip is not None:
                 gained += 0.5 * float(np.vdot(step.slip[0], step.slip[2] + step.slip[3]))
         else:
             # the same by the balance of percussions, less the work of the forces within the step
-            gained = 0.5 * float((v - before) @ metric.apply(v + before))
+            gained = 0.5 * float(change @ metric.apply(twice))
             if run.step > 0.0:
-                gained -= 0.5 * h * float(system.force(t, q, before) @ (v + before))
+                gained -= 0.5 * h * float(system.force(t, q, before) @ twice)
             elif h > 0.0:
                 # located impacts take no time: between two states there are none
                 gained = 0.0
-            active = _dense(problem.constraints.active(t, q, problem.tolerance))
+            active = rows.at(t, q)
             if active.rate is not None:
-                percussions = metric.apply(v - before) - h * system.force(t, q, before)
+                percussions = metric.apply(change) - h * system.force(t, q, before)
                 gained += float(np.linalg.lstsq(active.jacobian.T, percussions)[0] @ active.rate)
         gained = sums.add_energy(gained)
-        lost = np.linalg.norm(active.jacobian, axis=1) < _VANISHING
-        sums.vanishing |= dict.fromkeys(map(problem.constraints.name, active.constraint[lost].tolist()))
+        if len(active.gap):
+            lost = np.linalg.norm(active.jacobian, axis=1) < _VANISHING
+            sums.vanishing |= dict.fromkeys(map(problem.constraints.name, active.constraint[lost].tolist()))
         if len(active.gap) > 1:
             k = int(np.searchsorted(struck, t - _INSTANT * run.step))
             impact = k < len(struck) and bool(struck[k] <= t + _INSTANT * run.step)
@@ -184,17 +185,6 @@ def _gains_by_friction(impact: Impact) -> bool:
         return False
     scale = impact.percussion @ (np.abs(impact.before) + np.abs(impact.after))
     return bool(impact.energy_change > _ENERGY_ROUNDING * scale)
-
-
-def _dense(active: Rows) -> Rows:
-    """Return rows with full gradients."""
-    rows, columns = active.jacobian.shape
-    if rows * (rows + columns) > _MOST_ENTRIES:
-        raise InputError(f"the diagnosis compares every active row with every other, and {rows} at once are too many")
-    tangents = active.tangents
-    if tangents is not None:
-        tangents = tangents._replace(jacobian=dense(tangents.jacobian))
-    return active._replace(jacobian=dense(active.jacobian), tangents=tangents)
 
 
 def _stepping_scheme(run: RunData) -> Scheme | None:
