@@ -152,6 +152,23 @@ def test_where_nothing_can_be_cached_every_process_compiles_and_runs(tmp_path):
     assert not [*tmp_path.rglob("*.nbc"), *tmp_path.rglob("*.nbi")]
 
 
+@pytest.mark.slow
+def test_without_a_folder_of_the_user_kernels_are_kept_in_one_of_temporary_files(tmp_path):
+    """But not in one that others can write to: the machine code in it is run."""
+    package, temporary = copy_of_the_package(tmp_path), tmp_path / "temporary"
+    (package / "compiled/__pycache__").touch()
+    (tmp_path / "file").touch()
+    temporary.mkdir()
+    nowhere = {name: str(tmp_path / "file" / "cache") for name in ("XDG_CACHE_HOME", "HOME")}
+    folder, said = temporary / f"mbvi-{os.getuid()}", []
+    for mode in (0o700, 0o700, 0o770):
+        if folder.exists():
+            folder.chmod(mode)
+        said.append(process(FLIGHT, package, TMPDIR=str(temporary), **nowhere)[1])
+        assert folder.stat().st_mode & 0o777 == mode and entries(folder)
+    assert [text.startswith("compiling") for text in said] == [True, False, True] and said[1] == ""
+
+
 def test_a_kernel_is_compiled_anew_when_one_that_it_calls_elsewhere_has_changed(tmp_path):
     """`multipliers` calls `dot` of another file, of which a new version doubles the first coordinate."""
     package, cache_ = copy_of_the_package(tmp_path), str(tmp_path / "cache")
