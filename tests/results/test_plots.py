@@ -16,6 +16,7 @@ import mbvi
 from mbvi.results.diagnosis.diagnose import given_or_computed
 from mbvi.results.plots.panel import BINS, Curve, thinned
 from mbvi.results.plots.quantities import panels
+from mbvi.shipped import demo_problem
 from support.paths import ROBOTS
 
 
@@ -182,6 +183,22 @@ def test_the_figure_has_labels_and_units_on_every_axis(sliding):
     for axis in axes:
         if axis.get_legend() is not None:
             assert axis.get_legend().get_window_extent().y0 >= axis.get_window_extent().y1 - 1.0
+
+
+def test_legends_are_not_cut_and_axes_begin_near_what_they_show():
+    figure = mbvi.simulate(demo_problem(), mbvi.Paoli(), step=2e-3, duration=0.5, progress=False).plot()
+    figure.canvas.draw()
+    axes = {axis.get_title(loc="left"): axis for axis in figure.axes}
+    names = [text.get_text() for text in axes["Joint limits"].get_legend().get_texts()]
+    assert max(map(len, names)) == 34
+    for axis in axes.values():
+        if axis.get_legend() is not None:
+            assert axis.get_legend().get_window_extent().x1 <= figure.bbox.x1
+    # right angles, and some near them
+    angles = np.concatenate([line.get_ydata() for line in axes["Kinetic angles"].get_lines()])
+    low, high = axes["Kinetic angles"].get_ylim()
+    assert np.nanmin(angles) > 80.0 and np.nanmin(angles) - low < 0.5 * (high - low)
+    assert axes["Energy"].get_ylim()[0] == 0.0
 
 
 def test_a_notebook_shows_the_figure_as_a_picture(run):

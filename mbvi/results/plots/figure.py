@@ -19,8 +19,12 @@ if TYPE_CHECKING:
 # size of a panel [inches], and panels beside each other
 _WIDTH, _HEIGHT, _COLUMNS = 5.6, 2.7, 2
 _LEVEL = "#888888"
-# entries of a legend beside each other, of short names and of long ones, and the height of a line of them [points]
-_ENTRIES, _LONG_ENTRIES, _SHORT, _LINE = 4, 3, 12, 11.0
+# most entries of a legend beside each other, and the height of a line of them [points]
+_ENTRIES, _LINE = 4, 11.0
+# room for a legend, of which a character takes so much and the mark before a name as much as some [points]
+_ROOM, _CHARACTER, _MARK = 335.0, 3.9, 5.0
+# an axis begins at zero if the least value is below this part of the greatest
+_NEAR_ZERO = 0.7
 
 
 def figure(run: RunData, diagnosis: Diagnosis | None, no_diagnosis: str) -> Figure:
@@ -81,11 +85,13 @@ def _draw(axis: Any, panel: Panel) -> None:
 
         axis.yaxis.set_major_locator(MaxNLocator(integer=True))
     axis.set_ylabel(panel.axis)
-    if not panel.log and axis.get_ylim()[0] > -0.1 * axis.get_ylim()[1] and _least(panel) >= 0.0:
+    least, greatest = _extremes(panel)
+    near = least < _NEAR_ZERO * greatest or least == greatest
+    if not panel.log and axis.get_ylim()[0] > -0.1 * axis.get_ylim()[1] and least >= 0.0 and near:
         axis.set_ylim(bottom=0.0)
     named = [curve for curve in panel.curves if curve.name]
     # the legend lies between title and plot, where it covers nothing
-    entries = _ENTRIES if all(len(curve.name) <= _SHORT for curve in named) else _LONG_ENTRIES
+    entries = _beside([shortened(curve.name) for curve in named])
     pad = 5.0 + _LINE * -(-len(named) // entries)
     axis.set_title(panel.title, loc="left", pad=pad, fontsize="medium", fontweight="bold")
     if panel.note:
@@ -100,13 +106,26 @@ def _draw(axis: Any, panel: Panel) -> None:
             "handlelength": 1.2,
             "columnspacing": 1.2,
         }
-        shown = axis.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=min(len(named), entries), **look)
+        shown = axis.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=entries, **look)
         # long names must not change the widths of the columns
         shown.set_in_layout(False)
 
 
-def _least(panel: Panel) -> float:
-    return min((float(np.nanmin(curve.y)) for curve in panel.curves if len(curve.y)), default=0.0)
+def _beside(names: list[str]) -> int:
+    """Return how many entries of a legend have room beside each other; a column of them is as wide as its longest."""
+    for count in range(min(len(names), _ENTRIES), 1, -1):
+        longest = [max(map(len, column)) for column in np.array_split(names, count)]
+        if _CHARACTER * sum(width + _MARK for width in longest) <= _ROOM:
+            return count
+    return 1
+
+
+def _extremes(panel: Panel) -> tuple[float, float]:
+    """Return the least value of a panel, and the greatest of values and levels."""
+    values = [curve.y[np.isfinite(curve.y)] for curve in panel.curves if curve.style != "ticks"]
+    found = np.concatenate([*values, [level.y for level in panel.levels]])
+    least = min((float(y.min()) for y in values if len(y)), default=0.0)
+    return least, float(found.max(initial=least))
 
 
 def _curve(axis: Any, curve: Curve) -> None:
