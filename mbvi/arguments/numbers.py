@@ -85,6 +85,8 @@ def between(value: SupportsFloat, name: str, low: float, high: float, *, ends: b
 def integer(value: SupportsFloat, name: str, least: int = 0) -> int:
     """Return an integer of at least `least`; a float with an integer value is accepted."""
     x = number(value, name)
+    if LARGEST_INTEGER < x < float("inf"):
+        raise InputError(f"{name} must be {LARGEST_INTEGER} at most; got {shown(value)}")
     if not least <= x <= LARGEST_INTEGER or x != int(x):
         kind = {0: "an integer, zero or positive", 1: "a positive integer"}.get(least, f"an integer of {least} or more")
         raise InputError(f"{name} must be {kind}; got {shown(value)}")

@@ -104,6 +104,17 @@ def file_path(value: str | os.PathLike[str], name: str = "path") -> Path:
     return Path(text)
 
 
+def not_found(path: str | os.PathLike[str]) -> str:
+    """Return why a path leads to no file: there is none, or something on the way to it does not let this process by."""
+    try:
+        os.stat(path)
+    except (FileNotFoundError, NotADirectoryError):
+        pass
+    except OSError as error:
+        return f"{os.fspath(path)} cannot be read: {error.strerror}"
+    return f"no such file: {os.fspath(path)}"
+
+
 def several_names(value: Iterable[str], name: str) -> tuple[str, ...]:
     """Return several names, as a tuple."""
     if isinstance(value, str):

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import importlib
+import os
 import sys
 from pathlib import Path
 from types import ModuleType
 
+from ..arguments import not_found
 from ..errors import InputError
 
 
@@ -18,8 +20,8 @@ def imported(path: Path) -> ModuleType:
     InputError
         If there is no such file, it has no name that can be imported, that of another module, or it raises.
     """
-    if not path.exists():
-        raise InputError(f"no such file: {path}")
+    if not os.path.exists(path):
+        raise InputError(not_found(path))
     if path.suffix != ".py" or not path.is_file() or not path.stem.isidentifier():
         raise InputError(f"{path} must be a file of Python whose name can be imported, such as scene.py")
     # worker processes import it by its name from here

@@ -95,7 +95,7 @@ class Request(NamedTuple):
 def check_targets(source: Path, *targets: Path | None) -> None:
     """Raise before the run if a file cannot be written after it."""
     files = [t for t in targets if t is not None]
-    if len({p.resolve() for p in (source, *files)}) <= len(files):
+    if len({os.path.realpath(p) for p in (source, *files)}) <= len(files):
         raise InputError("input and output files must be different")
     for target in files:
         folder = target.parent
@@ -105,6 +105,17 @@ def check_targets(source: Path, *targets: Path | None) -> None:
             raise TrajectoryFileError(f"{target} cannot be written: it is a folder")
         if not os.access(target if target.exists() else folder, os.W_OK):
             raise TrajectoryFileError(f"{target} cannot be written: permission denied")
+        if not target.exists():
+            _make_and_remove(target)
+
+
+def _make_and_remove(target: Path) -> None:
+    """Raise if a file cannot be made, which some folders only say when one is."""
+    try:
+        target.open("xb").close()
+        target.unlink()
+    except OSError as error:
+        raise TrajectoryFileError(f"{target} cannot be written: {error.strerror}") from error
 
 
 def print_problem(problem: Problem, named_by: str = "problem.report()") -> None:

@@ -9,7 +9,7 @@ from typing import TypedDict
 
 import numpy as np
 
-from ..arguments import all_positive, array, positive
+from ..arguments import all_positive, array, not_found, positive
 from ..errors import InputError
 from ..geometry.motion import Motion
 from ..geometry.shapes.orientation import RotationLike
@@ -68,7 +68,7 @@ def mesh_of(path: Path) -> tuple[Array, Array]:
     import coal
 
     if not os.path.isfile(path):
-        raise InputError(f"no such file: {path}")
+        raise InputError(not_found(path))
     try:
         mesh = coal.MeshLoader().load(str(path), np.ones(3))
         triangles = map(mesh.tri_indices, range(mesh.num_tris))

@@ -245,7 +245,12 @@ def test_an_interrupted_run_leaves_its_file(command, monkeypatch):
         (("simulate", "folder.html"), "is a folder, not a URDF"),
         (("simulate", "text.urdf", "--out", "text.urdf"), "files must be different"),
         (("simulate", HOPPER, "--duration", 1e9), "not enough memory"),
+        (("simulate", HOPPER, "--replay", "/proc/page.html"), "/proc/page.html cannot be written: No such file"),
+        (("simulate", HOPPER, "--every", 10**21), f"every must be {2**53} at most"),
         (("replay", "missing.h5"), "no such file"),
+        (("replay", "around.h5"), "around.h5 cannot be read: Too many levels of symbolic links"),
+        (("simulate", "around.h5"), "around.h5 cannot be read: Too many levels of symbolic links"),
+        (("run", "around.h5"), "around.h5 cannot be read: Too many levels of symbolic links"),
         (("replay", "text.urdf"), "truncated or no HDF5 file"),
         (("demo", "--out-dir", "text.urdf"), "cannot be made"),
         (("bounce",), "No such command 'bounce'"),
@@ -255,10 +260,12 @@ def test_an_interrupted_run_leaves_its_file(command, monkeypatch):
 def test_bad_input_is_one_line_and_exit_code_2(command, tmp_path, arguments, said):
     (tmp_path / "text.urdf").write_text("a robot")
     (tmp_path / "folder.html").mkdir()
+    (tmp_path / "around.h5").symlink_to("around.h5")
     (tmp_path / "empty.urdf").write_text("<robot name='none'/>")
     (tmp_path / "orphan.urdf").write_text(PENDULUM.replace('<parent link="base"/>', '<parent link="stand"/>'))
     code, out, err = command(*arguments)
-    assert code == 2
+    # all of it before the run
+    assert code == 2 and "scheme" not in out
     assert err.startswith("mbvi: ") and err.count("\n") == 1 and said in err
     if "--step" in arguments and "0" in map(str, arguments):
         # before the problem is built

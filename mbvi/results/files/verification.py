@@ -11,6 +11,7 @@ from typing import Any
 
 import h5py
 
+from ...arguments import not_found
 from ...errors import TrajectoryFileError
 from .checked_file import lock
 from .pages import PAGE, Record, damaged_pages, find_record, page_count
@@ -106,7 +107,7 @@ def opened(path: str, *, locked: bool = False) -> Iterator[h5py.File]:
         If it is missing, damaged, no HDF5 file, or locked by a run.
     """
     if not os.path.isfile(path):
-        raise TrajectoryFileError(f"no such file: {path}")
+        raise TrajectoryFileError(not_found(path))
     try:
         raw = os.open(path, os.O_RDONLY | getattr(os, "O_CLOEXEC", 0))
     except OSError as error:

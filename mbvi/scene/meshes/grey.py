@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ...arguments import not_found
 from ...errors import InputError
 
 Array = np.ndarray
@@ -26,7 +27,7 @@ def grey_values(path: Path) -> Array:
     from PIL import Image
 
     if not path.is_file():
-        raise InputError(f"no such file: {path}")
+        raise InputError(not_found(path))
     try:
         with Image.open(path, formats=("PNG",)) as image:
             mode, values = image.mode, np.array(image, dtype=float)

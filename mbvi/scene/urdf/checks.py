@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.linalg import lapack
 
-from ...arguments import LARGEST, SMALLEST, Array, shown
+from ...arguments import LARGEST, SMALLEST, Array, not_found, shown
 from ...errors import InputError, UrdfError
 
 # largest relative violation of A + B >= C by principal moments, because URDFs hold rounded numbers
@@ -52,7 +52,7 @@ def read_xml(file: Path) -> tuple[str, ElementTree.Element]:
         If there is no such file, it cannot be read, or it is no XML.
     """
     if not os.path.isfile(file):
-        raise UrdfError(f"{file} is a folder, not a URDF" if os.path.isdir(file) else f"no such file: {file}")
+        raise UrdfError(f"{file} is a folder, not a URDF" if os.path.isdir(file) else not_found(file))
     try:
         data = file.read_bytes()
         declared = _ENCODING.match(data.lstrip()[:200])
