@@ -215,6 +215,8 @@ class RunData:
             several = False
         if not several:
             return self._at(number(cast("float", t), "t"))
+        if np.shape(t) == (0,):
+            return np.empty((0, self.q.shape[1])), np.empty((0, self.v.shape[1]))
         times = array(t, "t", ("m",))
         if self.record.dense is None:
             return self._several(times)

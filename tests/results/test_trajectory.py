@@ -295,7 +295,9 @@ def test_states_at_many_times_are_those_at_each(run):
         for many, one in zip((q, v), run.at(t), strict=True):
             np.testing.assert_array_equal(many[k], one)
     np.testing.assert_allclose(run.at(run.t)[0], run.q, rtol=0, atol=1e-15)
-    for wrong in ([], [0.1, 0.6], [[0.1]], ["a"], [0.1, np.nan], None):
+    for many, one in zip(run.at([]), (run.q, run.v), strict=True):
+        assert many.shape == (0, one.shape[1])
+    for wrong in ([0.1, 0.6], [[0.1]], ["a"], [0.1, np.nan], None):
         with pytest.raises(mbvi.InputError):
             run.at(wrong)
 
