@@ -338,6 +338,10 @@ def test_a_run_is_replayed_whether_it_was_kept_or_not(sweep, tmp_path):
     assert kept.q.tobytes() == again.q.tobytes()
     with pytest.raises(mbvi.InputError, match="runs 0 to 5"):
         mbvi.replay(tmp_path / "study", run=6)
+    with pytest.raises(mbvi.InputError, match="run must be the number of a run"):
+        mbvi.replay(tmp_path / "study")
+    with pytest.raises(mbvi.InputError, match=r"a run is played by run\.replay\(\)"):
+        mbvi.replay(kept)
     with pytest.raises(mbvi.InputError, match="holds no study"):
         mbvi.replay(tmp_path, run=0)
     (tmp_path / "study/functions.pkl").write_bytes(b"no pickle")

@@ -15,7 +15,7 @@ from ..study import StudyFolder
 def replay(
     study: str | os.PathLike[str],
     *,
-    run: int,
+    run: int | None = None,
     html: str | os.PathLike[str] | None = None,
     shapes: str = "visual",
 ) -> Trajectory:
@@ -49,6 +49,10 @@ def replay(
     For a run that was not kept the functions in the folder are executed: do that with studies you trust. If the run
     fails again, its error is raised.
     """
+    if isinstance(study, Trajectory):
+        raise InputError("study must be the folder of a study; a run is played by run.replay()")
+    if run is None:
+        raise InputError("run must be the number of a run of the study; it is missing")
     folder = StudyFolder(file_path(study, "study"))
     count = folder.about()["runs"]
     number = integer(run, "run", 0)
