@@ -88,6 +88,7 @@ def diagnose(run: RunData, tolerance: float = 1e-3) -> Diagnosis:
         sums.raised,
         tuple(sorted(centres)),
         tuple(one.time for one in run.record.switches),
+        run.problem.not_kept,
     )
 
 

@@ -116,6 +116,8 @@ class Diagnosis:
     switches : tuple of float
         Times at which connections were switched [s]. What is switched on is an impact with one outcome, the nearest
         velocity that the connections allow; contacts that close at it are looked at as in any impact.
+    lost : tuple of str
+        Functions that acted and that the file of the run could not keep, such as controls: energies are not known.
     """
 
     instants: tuple[Instant, ...]
@@ -132,6 +134,7 @@ class Diagnosis:
     projection_energy: float = 0.0
     dead_centres: tuple[float, ...] = ()
     switches: tuple[float, ...] = ()
+    lost: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         return f"Diagnosis(horizon={self.horizon:g}, instants={len(self.instants)}, jumps={len(self.jumps)})"
@@ -179,9 +182,13 @@ class Diagnosis:
         lines += self._jumps()
         if self.projection_energy:
             lines.append(f"Energy added by position projection: {self.projection_energy:.3g} J.")
+        known = not np.isnan(self.energy_excess)
+        if not known and self.lost:
+            lines.append(f"Energies are not known: the file of this run could not keep {', '.join(self.lost)}.")
+        excess = f", energy above its estimate {self._rounded(self.energy_excess):.2g} J" if known else ""
         lines.append(
-            f"Total variation of the velocity {self.variation:.6g}, largest percussion {self.largest_percussion:.6g}, "
-            f"energy above its estimate {self._rounded(self.energy_excess):.2g} J."
+            f"Total variation of the velocity {self.variation:.6g}, largest percussion "
+            f"{self.largest_percussion:.6g}{excess}."
         )
         return "\n".join(lines + self._table())
 
@@ -244,7 +251,8 @@ class Diagnosis:
             names = ", ".join(i.constraints[:_MOST_NAMES])
             names += f" and {len(i.constraints) - _MOST_NAMES} more" if len(i.constraints) > _MOST_NAMES else ""
             verdicts = "  ".join("holds" if holds else "fails" for holds in (i.condition_12, i.independent))
-            lines.append(f"{when:>19}  {verdicts}  {angles:>14}  {self._rounded(i.energy_change):10.3g}  {names}")
+            gained = "-" if np.isnan(i.energy_change) else f"{self._rounded(i.energy_change):.3g}"
+            lines.append(f"{when:>19}  {verdicts}  {angles:>14}  {gained:>10}  {names}")
         left = len(self.instants) - len(chosen)
         return lines + ([f"and {left} more"] if left else [])
 
