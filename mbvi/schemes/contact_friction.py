@@ -17,6 +17,8 @@ Array = np.ndarray
 
 # slip that counts as none, relative to the largest speed of the row
 _STILL = 1e-9
+# part of the largest speed of all rows that each one has at least
+_OTHERS = 1e-6
 
 
 class ContactFriction(NamedTuple):
@@ -51,7 +53,7 @@ def friction_of(step: Step) -> ContactFriction | None:
     """Return the friction of a step's rows; None if its problem has none.
 
     A row sticks if its velocity is nearer to zero than its percussion is to the edge of the cone, relative to the
-    largest speed of the row and to mu p: in exact numbers one of the two is zero.
+    largest speed of the row, or to a small part of that of all, and to mu p: in exact numbers one of the two is zero.
     """
     tangents = step.active.tangents
     if tangents is None:
@@ -64,6 +66,8 @@ def friction_of(step: Step) -> ContactFriction | None:
     across, free_slip, after_slip, before_slip = np.hypot(step.slip[:, :, 0], step.slip[:, :, 1])
     edge = tangents.friction * percussion
     speed = np.maximum(np.maximum(free, before), np.maximum(free_slip, before_slip))
+    # what rests where others strike has no speed of its own
+    speed = np.maximum(speed, _OTHERS * speed.max(initial=0.0))
     # multiplied out, because both may be divisions by zero; of dependent contacts some stick at the edge of their cones
     sticks = (edge > 0.0) & (after_slip * edge <= np.maximum(edge - across, _STILL * edge) * speed)
     tangential, _, after, before = (step.slip[..., :2, None] * tangents.axes).sum(axis=2)

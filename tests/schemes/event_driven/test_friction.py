@@ -147,6 +147,18 @@ def test_impacts_are_recorded_with_their_friction():
     assert first.e_used == pytest.approx(0.7)
 
 
+def test_a_contact_at_rest_below_an_impact_sticks():
+    """A ball falls on one that rests on the floor; both percussions lie within their cones."""
+    scene = mbvi.Scene(friction=0.3, restitution=0.0)
+    scene.add_halfspace((0, 0, 1))
+    scene.add_sphere(0.1, 0.7, position=(0, 0, 0.1))
+    scene.add_sphere(0.05, 0.5, position=(0.03, -0.02, 0.5), velocity=(0.2, 0.1, 0))
+    impact = mbvi.simulate(scene.build(), mbvi.EventDriven(1e-7), duration=0.3).impacts[0]
+    share = np.linalg.norm(impact.tangential, axis=1) / impact.percussion
+    np.testing.assert_allclose(np.sort(share), [0.23380, 0.26236], atol=1e-5)
+    assert impact.regime == ("stick", "stick")
+
+
 def test_bounces_end_and_the_ball_rolls():
     scene = mbvi.Scene(restitution=0.5, friction=0.3)
     scene.add_halfspace((0, 0, 1), name="floor")
