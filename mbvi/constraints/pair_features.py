@@ -14,7 +14,18 @@ from ..system import System
 from .feature_kernels import EDGES, FACE_VERTEX, VERTEX_FACE, write_outside
 from .feature_motion import NOWHERE, Touching, places_of, row_biases, touching
 from .mechanism.held_rows import RowParts
-from .round_features import CROSS, LEVEL, NEAR, SAME, Features, edges_through, ends_of, features_of_round, is_round
+from .round_features import (
+    CROSS,
+    LEVEL,
+    NEAR,
+    SAME,
+    Features,
+    edges_through,
+    ends_of,
+    features_of_capsules,
+    features_of_round,
+    is_round,
+)
 from .rows import Array
 
 # lengths are relative to the bounding radius of the smaller shape
@@ -41,7 +52,7 @@ def _faces(placed: PlacedShape) -> Array:
 
 
 class FeatureRows:
-    """Rows of pairs of polyhedra, or of one with a capsule or cylinder; more are added as they touch.
+    """Rows of pairs of polyhedra, of one with a capsule or cylinder, and of two capsules; more are added as they touch.
 
     Each has the features that touched when it was found.
 
@@ -89,10 +100,12 @@ class FeatureRows:
                 self._known[id(shape)] = begin, len(self._planes)
         ranges = [self._known[id(shape)] for shape in shapes]
         faces = [self._planes[begin:end] for begin, end in ranges]
-        features = features_of_round if any(map(is_round, shapes)) else _features
-        found = features(
-            shapes, faces, places_of(self._system, q, bodies), float(table.bound[sides].min()), point, normal, alone
-        )
+        places, bound = places_of(self._system, q, bodies), float(table.bound[sides].min())
+        if all(map(is_round, shapes)):
+            found = features_of_capsules(shapes, places, bound, point, normal, alone)
+        else:
+            features = features_of_round if any(map(is_round, shapes)) else _features
+            found = features(shapes, faces, places, bound, point, normal, alone)
         if found is None:
             return None
         kind, parts, radius, shift = found

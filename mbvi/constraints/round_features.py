@@ -1,4 +1,4 @@
-"""Which features of a polyhedron and a capsule or cylinder touch."""
+"""Which features of a polyhedron and a capsule or cylinder, or of two capsules, touch."""
 
 from __future__ import annotations
 
@@ -147,6 +147,40 @@ def features_of_round(
         if isinstance(shape, Cylinder) or not at_end:
             return _on_side(shape.radius, axis, centre, point, normal, places, other, k)
     return _at_end(shape.radius, end, other, k)
+
+
+def features_of_capsules(
+    shapes: list[PlacedShape], places: Array, bound: float, point: Array, normal: Array, alone: bool
+) -> Features | None:  # fmt: skip
+    """Return which features of two capsules touch.
+
+    None if they are to touch `alone` and lie along each other.
+    """
+    capsules = [placed.shape for placed in shapes]
+    first, second = capsules
+    assert isinstance(first, Capsule) and isinstance(second, Capsule)
+    axes = [placed.rotation[:, 2] @ place[:3] for placed, place in zip(shapes, places, strict=True)]
+    centres = [placed.position @ place[:3] + place[3] for placed, place in zip(shapes, places, strict=True)]
+    halves = 0.5 * np.array([first.length, second.length])
+    along = np.array([float((point - centre) @ axis) for centre, axis in zip(centres, axes, strict=True)])
+    beside = np.abs(along) - halves
+    at_end = beside >= -NEAR * bound
+    if np.linalg.norm(np.cross(*axes)) <= CROSS and not at_end.all():
+        # they touch along a line, of which the ends count
+        if alone:
+            return None
+        at_end = np.arange(2) == beside.argmax()
+    lines = [np.array([placed.position, placed.rotation[:, 2]]) for placed in shapes]
+    ends = [
+        np.array([placed.position + np.copysign(half, x) * placed.rotation[:, 2], np.zeros(3)])
+        for placed, half, x in zip(shapes, halves, along, strict=True)
+    ]
+    parts = np.array([ends[k] if at_end[k] else lines[k] for k in range(2)])
+    kind = (EDGES, LINE_VERTEX, VERTEX_LINE, POINTS)[2 * int(at_end[0]) + int(at_end[1])]
+    if kind == EDGES:
+        # the cross product of both leads from the first shape to the second
+        parts[1, 1] *= np.sign(np.cross(*axes) @ normal)
+    return Features(kind, parts, first.radius + second.radius, -second.radius if kind == LINE_VERTEX else first.radius)
 
 
 def _ordered(k: int, kinds: tuple[int, int], of_round: Array, of_other: Array, radius: float, shift: float) -> Features:

@@ -14,7 +14,7 @@ from ...geometry.narrow.pair_contacts import write_contacts
 from ...geometry.narrow.pair_distances import distances_from_axes
 from ...geometry.shapes.seams import uncovered
 from ...geometry.shapes.shape_table import ShapeTable
-from ...geometry.shapes.shapes import Sphere
+from ...geometry.shapes.shapes import Capsule, Sphere
 from ...system import System
 from ..mechanism.pairs import AS_THEY_ARE, LEFT_TO_PYTHON, MOST_CONTACTS, ROUNDED, PairShapes
 from ..pair_features import FeatureRows, is_polyhedron
@@ -135,7 +135,8 @@ class SignedDistances(Pairs):
         smooth = self.smooth | (ball[first] & (flat | ball)[second]) | (flat[first] & ball[second])
         rounded = np.array([is_round(s) for s in self._shapes.placed])
         featured = (flat[first] | rounded[first]) & (flat[second] | rounded[second]) & ~smooth & (not self._planar)
-        featured &= flat[first] | flat[second]
+        capsule = np.array([isinstance(s.shape, Capsule) for s in self._shapes.placed])
+        featured &= flat[first] | flat[second] | (capsule[first] & capsule[second])
         if self._fixed is not None:
             # rows of a union begin and end where those of its parts do not
             beside = (np.diff(self._shapes.seams.first_neighbour) > 0)[self._sides].any(axis=1)

@@ -40,6 +40,9 @@ _MOST_LATE = 1.1
 _SMALL = 0.01
 # part of the way to a stop that is taken where the motion is not known well enough up to it
 _BEFORE_STOP = 0.8
+# gap in those of touching contacts above which an event was not found; the part of the way to it that is taken then,
+# and the least part of the step
+_FOUND, _BEFORE_MISSED, _LEAST_MISSED = 100.0, 0.5, 1e-3
 # longest step after an event: this many times the step that ended at the event, or this time [s] if that is more
 _AFTER, _LEAST_AFTER = 10.0, 1e-6
 # events without progress in time after which steps of `Paoli` are taken, and with friction steps shorter than this
@@ -232,7 +235,19 @@ class EventDrivenIntegrator(MotionState):
             crossing = self._crossing(NO_ROWS if first is pairs else first, stops)
             exact = error < _SMALL or stops
             step = self._cut(step, share, crossing) if exact else self._step_to_event(a, share * h, crossing, h)
+            if first.size and first is not pairs and self._misses(first, step):
+                # of a long step in which bodies meet and part again interpolants may know too little
+                return None, max(_BEFORE_MISSED * share, _LEAST_MISSED), 1.0, NO_ROWS
         return step, factor, share, first
+
+    def _misses(self, first: Array, step: RungeKuttaStep) -> bool:
+        """Return whether the gap of a row that should close at the end of a step is not zero there."""
+        gaps = self.rows.gaps(step.t, step.q0, first), self.rows.gaps(step.t + step.h, step.q, first)
+        lever = float(self.rows.lever[first[0]])
+        before, after = (abs(lever * float(gap[0])) for gap in gaps)
+        # distances that are searched have errors, by which they may change more than bodies move
+        moved = lever * float(self.rows.reach[first[0]] @ step.travel)
+        return max(_FOUND * self.touching, 2.0 * before) < after <= 2.0 * before + moved < np.inf
 
     def _shorter(self, h: float, factor: float, error: MbviError | None = None) -> float:
         """Return the length of a retried step; raise `error`, or an error of its own, if that is too short."""

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 import mbvi
 from mbvi.constraints.feature_motion import slip_biases, touching
@@ -111,3 +112,50 @@ def test_tangents_turn_with_their_derivatives(rng):
         there = _tangents(system, q, parts)
         np.testing.assert_allclose(T, there, atol=1e-10 * (1 + np.abs(there).max(initial=0.0)))
         np.testing.assert_allclose(bias, expected, atol=1e-7 * size)
+
+
+def _turned_to(axis):
+    """A rotation that takes the z axis to another one."""
+    return {"x": np.array([[0, 0, 1.0], [0, 1, 0], [-1, 0, 0]]), "y": np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])}[
+        axis
+    ]
+
+
+def test_a_capsule_slides_along_a_rail_until_it_rolls():
+    """Both cross: the rail is a capsule too."""
+    mu, speed, r, length = 0.3, 1.0, 0.05, 0.4
+    scene = mbvi.Scene(restitution=0.0, friction=mu)
+    scene.add_capsule(0.1, 4.0, rotation=_turned_to("x"), position=(0, 0, 0), fixed=True)
+    scene.add_capsule(r, length, rotation=_turned_to("y"), position=(-1, 0, 0.15), velocity=(speed, 0, 0))
+    cylinder, ball = np.pi * r**2 * length, 4 / 3 * np.pi * r**3
+    inertia = (0.5 * cylinder + 0.4 * ball) / (cylinder + ball)
+    rolls = speed / (mu * G * (1 + 1 / inertia))
+    left = speed - mu * G * rolls
+    q, v = _end(scene.build(), 1e-8, 0.5)
+    assert v[0] == pytest.approx(left, abs=1e-9)
+    assert q[0] + 1 == pytest.approx(speed * rolls - 0.5 * mu * G * rolls**2 + left * (0.5 - rolls), abs=1e-9)
+
+
+def test_a_capsule_lies_in_a_groove_of_capsules():
+    """Along each of both a line of contact stays, of which the ends count."""
+    scene = mbvi.Scene(restitution=0.2)
+    for y in (-0.06, 0.06):
+        scene.add_capsule(0.05, 2.0, rotation=_turned_to("x"), position=(0, y, 0), fixed=True)
+    scene.add_capsule(0.05, 0.6, rotation=_turned_to("x"), position=(0, 0, 0.2), velocity=(0.3, 0, 0))
+    q, v = _end(scene.build(), 1e-6, 0.6)
+    np.testing.assert_allclose(q[:3], [0.18, 0, 0.08], atol=1e-9)
+    np.testing.assert_allclose(v, [0.3, 0, 0, 0, 0, 0], atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_capsule_that_falls_onto_another_keeps_to_its_tolerance(seed):
+    """Steps in which both would pass through each other and part again end where they meet."""
+    rng = np.random.default_rng(seed)
+    turned = [Rotation.random(random_state=seed + more).as_matrix() for more in (0, 50)]
+    scene = mbvi.Scene(restitution=0.5)
+    scene.add_capsule(0.1, 1.0, rotation=turned[0], position=(0, 0, 0), fixed=True)
+    place = (*0.05 * rng.normal(size=2), 0.9)
+    scene.add_capsule(0.05, 0.6, rotation=turned[1], position=place, angular_velocity=rng.normal(size=3))
+    problem = scene.build()
+    (rough, _), (fine, _) = (_end(problem, tolerance, 0.6) for tolerance in (1e-6, 1e-9))
+    assert np.abs(problem.system.difference(fine, rough)).max() < 1e-6
