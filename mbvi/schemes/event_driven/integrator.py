@@ -245,9 +245,11 @@ class EventDrivenIntegrator(MotionState):
         gaps = self.rows.gaps(step.t, step.q0, first), self.rows.gaps(step.t + step.h, step.q, first)
         lever = float(self.rows.lever[first[0]])
         before, after = (abs(lever * float(gap[0])) for gap in gaps)
-        # distances that are searched have errors, by which they may change more than bodies move
-        moved = lever * float(self.rows.reach[first[0]] @ step.travel)
-        return max(_FOUND * self.touching, 2.0 * before) < after <= 2.0 * before + moved < np.inf
+        # distances that are searched have errors, by which they may change more than bodies move; where it is not known
+        # how far these move, interpolants are all there is
+        reach = self.rows.reach[first[0]]
+        moved = lever * float(reach @ step.travel) if np.isfinite(reach).all() else 0.0
+        return max(_FOUND * self.touching, 2.0 * before) < after <= 2.0 * before + moved
 
     def _shorter(self, h: float, factor: float, error: MbviError | None = None) -> float:
         """Return the length of a retried step; raise `error`, or an error of its own, if that is too short."""
