@@ -17,7 +17,6 @@ from ..system.free.sparse_rows import dense
 from .cache import ClearanceCache
 from .families.given import as_family
 from .family import ConstraintFamily
-from .feature_motion import frames_moved
 from .rebuilt import Rebuilt
 from .rotations import Resistances, with_rotations
 from .rows import Array, Constraint, Rows, concatenate, take
@@ -258,11 +257,10 @@ class AdmissibleSet(Rebuilt):
         rows = self.cache.rows_of(k, t, q, tolerance)
         return rows._replace(tangents=self.tangents_of(t, q, rows)) if rows is not None and self.frictional else rows
 
-    def at_places(self, t: float, q: Array, rows: Rows, before: Array | None = None) -> Rows:
+    def at_places(self, t: float, q: Array, rows: Rows) -> Rows:
         """Return rows with the gradients that contacts at the same points and normals have at q.
 
-        Points move with the bodies' frames from the configuration `before` to q, if it is given. Rows of constraints
-        that have no bodies are not changed.
+        Rows of constraints that have no bodies are not changed.
         """
         which, parts = np.searchsorted(self._starts, rows.constraint, side="right") - 1, []
         order = np.argsort(which, kind="stable")
@@ -270,8 +268,6 @@ class AdmissibleSet(Rebuilt):
             part = take(rows, which == f)
             if type(self.families[f]).bodies_of is not ConstraintFamily.bodies_of:
                 first, second = self.families[f].bodies_of(part.constraint - self._starts[f])
-                if before is not None:
-                    part = part._replace(point=part.point + frames_moved(self.system, before, q, first, second))
                 there = self.system.separation_rows(q, first, second, part.point, part.normal)
                 part = part._replace(jacobian=there)
             parts.append(part)

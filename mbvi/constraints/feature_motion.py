@@ -56,13 +56,6 @@ def places_of(system: System, q: Array, bodies: Array) -> Array:
     return places
 
 
-def frames_moved(system: System, before: Array, after: Array, first: Array, second: Array) -> Array:
-    """Return how far the frames of bodies, or of both of a pair in the mean, have moved between configurations."""
-    sides = np.array([first, second])
-    moved = (places_of(system, after, sides.ravel()) - places_of(system, before, sides.ravel()))[:, 3]
-    return moved.reshape(2, -1, 3).sum(axis=0) / np.maximum((sides > 0).sum(axis=0), 1)[:, None]
-
-
 def touching(system: System, q: Array, parts: RowParts) -> Touching:
     """Return where some rows touch at q."""
     k, bodies = len(parts.kind), parts.sides

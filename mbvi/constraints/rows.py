@@ -16,6 +16,8 @@ from .tangents import Tangents
 
 Array = np.ndarray
 
+# square of the angle between normals of one surface, and of the cosine between gradients of one pair of bodies
+_SAME_NORMAL, _SAME_BODIES = 1e-12, 0.8
 # point and normal of a row that is no contact, such as a joint limit
 NO_POINT = np.full(3, np.nan)
 
@@ -146,6 +148,35 @@ def match_contacts(rows: Rows, others: Rows) -> Array:
     order = others.constraint.argsort(kind="stable")
     mutual_nearest(rows.constraint, rows.point, others.constraint, others.point, order, owner)
     return owner
+
+
+@kernel("b1(f8[::1], f8[::1], f8[::1], f8[::1])")
+def goes_on(normal: Array, other_normal: Array, gradient: Array, other_gradient: Array) -> bool:
+    """Return whether two contacts push the same bodies in the same direction, as those on both sides of a joint do."""
+    along = across = product = own = others = 0.0
+    for k in range(3):
+        along += normal[k] * other_normal[k]
+        across += (normal[k] - other_normal[k]) ** 2
+    for k in range(len(gradient)):
+        product += gradient[k] * other_gradient[k]
+        own += gradient[k] * gradient[k]
+        others += other_gradient[k] * other_gradient[k]
+    return along > 0.0 and across <= _SAME_NORMAL and product > 0.0 and product * product >= _SAME_BODIES * own * others
+
+
+def points_going_on(rows: Rows, others: Rows) -> Array:
+    """Return the points of rows, or of the nearest other row that goes on from each, shape (k, 3); see `goes_on`."""
+    point, J, K = rows.point.copy(), rows.jacobian, others.jacobian
+    if not (isinstance(J, np.ndarray) and isinstance(K, np.ndarray)):
+        # among many bodies this takes too long
+        return point
+    for a in range(len(rows.gap)):
+        nearest = np.inf
+        for b in range(len(others.gap)):
+            distance = float(np.linalg.norm(others.point[b] - rows.point[a]))
+            if distance < nearest and goes_on(rows.normal[a], others.normal[b], J[a], K[b]):
+                nearest, point[a] = distance, others.point[b]
+    return point
 
 
 def renewed(marks: Rows, rows: Rows, owner: Array) -> Rows:

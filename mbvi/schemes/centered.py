@@ -8,7 +8,7 @@ import numpy as np
 
 from ..arguments import boolean
 from ..constraints import Rows
-from ..constraints.rows import concatenate, match_contacts, take
+from ..constraints.rows import concatenate, match_contacts, points_going_on, take
 from ..problem import Problem
 from ..projection import Projector, in_flight
 from ..system.system import Array
@@ -87,7 +87,7 @@ class Centered(Scheme):
             return with_tangent_velocity(system, flown, motion)
         change = half * ahead.speeds(v)
         # a scheme derived from this one may have changed e
-        active = _rows_in_the_middle(problem, t, middle, nearby.place, ahead, change)
+        active = _rows_in_the_middle(problem, t, middle, ahead, change)
         active = active._replace(restitution=ahead.restitution)
         linear = False
         if self.project_positions and not _bounces(problem, ahead, change):
@@ -129,7 +129,7 @@ def _bounces(problem: Problem, ahead: Rows, change: Array) -> bool:
     return bool((rebound > problem.tolerance).any() or (ahead.restitution >= 1.0).any())
 
 
-def _rows_in_the_middle(problem: Problem, t: float, q: Array, end: Array, ahead: Rows, change: Array) -> Rows:
+def _rows_in_the_middle(problem: Problem, t: float, q: Array, ahead: Rows, change: Array) -> Rows:
     """Return the rows in the middle of a step that correspond to rows active at its end, in the same order.
 
     The law acts there: arms and axes of the end would turn its percussions.
@@ -138,8 +138,6 @@ def _rows_in_the_middle(problem: Problem, t: float, q: Array, end: Array, ahead:
     ----------
     t, q
         Time and configuration in the middle of the step.
-    end : ndarray, shape (nq,)
-        The configuration at which `ahead` was found.
     ahead : Rows
         The rows that are active at its end.
     change : ndarray, shape (k,)
@@ -153,8 +151,10 @@ def _rows_in_the_middle(problem: Problem, t: float, q: Array, end: Array, ahead:
     found = owner >= 0
     if found.all():
         return here if np.array_equal(owner, np.arange(len(here.gap))) else take(here, owner)
-    # a contact without a counterpart in the middle, as where a body has passed a joint of tiles, is taken at the place
-    # on the body where it is at the end
-    rest = problem.constraints.at_places(t, q, take(ahead._replace(gap=ahead.gap - change), ~found), end)
+    # a contact without a counterpart in the middle is taken at the place where it is at the end, or where one that goes
+    # on from it is, as before the joint of two tiles
+    rest = take(ahead._replace(gap=ahead.gap - change), ~found)
+    left = take(here, np.setdiff1d(np.arange(len(here.gap)), owner))
+    rest = problem.constraints.at_places(t, q, rest._replace(point=points_going_on(rest, left)))
     order = np.argsort(np.concatenate([np.flatnonzero(found), np.flatnonzero(~found)]))
     return take(concatenate([take(here, owner[found]), rest]), order)

@@ -99,7 +99,9 @@ def test_a_ring_falls_over_a_pole_and_two_rings_stay_linked(tmp_path):
     assert end[0, 2] < 0.1 and np.hypot(end[0, 0], end[0, 1]) < 0.25
     # centres of linked rings are no farther apart than two inner radii
     assert np.linalg.norm(run.q[:, 7:10] - run.q[:, 14:17], axis=1).max() < 2 * 0.3
-    assert run.penetration().max() < 1e-3
+    # an impact goes in by what its speed makes in half a step, at most
+    fastest = max(float(-impact.before.min()) for impact in run.impacts)
+    assert run.penetration().max() <= 0.5 * run.step * fastest
 
 
 def test_settings_by_the_name_of_the_body_and_of_a_part_and_files(tmp_path):

@@ -422,6 +422,19 @@ def normals(rng):
     return np.ascontiguousarray(normal / np.linalg.norm(normal, axis=1)[:, None]), np.full((5, 2, 3), np.nan)
 
 
+def contacts_of_one_surface(rng):
+    """Normals that are equal or not, and gradients of the same bodies or of others."""
+    normal = rng.normal(size=3)
+    normal /= np.linalg.norm(normal)
+    gradient = rng.normal(size=6)
+    return (
+        normal,
+        normal.copy() if rng.random() < 0.7 else -normal,
+        gradient,
+        rng.choice([1.0, 0.0]) * gradient + rng.choice([0.1, 1.0]) * rng.normal(size=6),
+    )
+
+
 def contacts_at_two_configurations(rng):
     """Contacts of a few constraints at points of a grid, where many are equally near; some have no points."""
     k, m = rng.integers(0, 9, size=2)
@@ -1252,6 +1265,7 @@ ARGUMENTS = {
     "consume_clearance": consume_clearance,
     "list_candidates": list_candidates,
     "mutual_nearest": contacts_at_two_configurations,
+    "goes_on": contacts_of_one_surface,
     "write_axes": normals,
     "filter_active": filter_active,
     "lowest": lowest,

@@ -179,18 +179,12 @@ def write_rotations(columns: Array, support: Array, family: PairFamily, pair: in
                 rows.R[3 * a + c, k] = 0.0
 
 
-@kernel("void(Mechanism, PairFamily, RowBuffer, i8, f8[:,:,::1])")
-def write_gradient_of(mechanism: Mechanism, family: PairFamily, rows: RowBuffer, a: int, before: Array) -> None:
+@kernel("void(Mechanism, PairFamily, RowBuffer, i8)")
+def write_gradient_of(mechanism: Mechanism, family: PairFamily, rows: RowBuffer, a: int) -> None:
     """Write the gradients of row a if it is one of a family; see `write_gradients`."""
     pair = rows.number[a] - family.number[0] if len(family.number) > 0 else -1
     if 0 <= pair < len(family.number):
-        left, right = family.bodies[0, pair], family.bodies[1, pair]
-        if len(before) > 0:
-            share = 0.5 if left > 0 and right > 0 else 1.0
-            for k in range(3):
-                moved = mechanism.poses[left, 3, k] - before[left, 3, k]
-                rows.point[a, k] += share * (moved + mechanism.poses[right, 3, k] - before[right, 3, k])
-        first, second = mechanism.support[left], mechanism.support[right]
+        first, second = mechanism.support[family.bodies[0, pair]], mechanism.support[family.bodies[1, pair]]
         row(mechanism.columns, first, second, rows.point[a], rows.normal[a], rows.J[a])
         if len(rows.T) > 0 and rows.mu[a] > 0.0:
             for c in range(2):
@@ -199,31 +193,24 @@ def write_gradient_of(mechanism: Mechanism, family: PairFamily, rows: RowBuffer,
             write_rotations(mechanism.columns, mechanism.support, family, pair, rows, a)
 
 
-@kernel("void(Mechanism, MechanismConstraints, RowBuffer, i8, f8[:,:,::1])")
-def write_gradients(
-    mechanism: Mechanism, constraints: MechanismConstraints, rows: RowBuffer, a: int, before: Array
-) -> None:  # fmt: skip
+@kernel("void(Mechanism, MechanismConstraints, RowBuffer, i8)")
+def write_gradients(mechanism: Mechanism, constraints: MechanismConstraints, rows: RowBuffer, a: int) -> None:
     """Write the gradients of row a for where the mechanism is placed, unless it is a joint limit.
 
-    Its normal and tangents are as they stand. Its point moves with the bodies' frames from their poses `before`, shape
-    (bodies, 4, 3), or stays if that is empty.
+    Its point, normal and tangents are as they stand.
     """
     for k in range(len(constraints.cache.kind)):
         kind = constraints.cache.kind[k]
         if kind == HALF_SPACES:
-            write_gradient_of(mechanism, constraints.walls, rows, a, before)
+            write_gradient_of(mechanism, constraints.walls, rows, a)
         elif kind == PAIRS:
-            write_gradient_of(mechanism, constraints.pairs, rows, a, before)
+            write_gradient_of(mechanism, constraints.pairs, rows, a)
         elif kind == BALLS:
-            write_gradient_of(mechanism, constraints.touching, rows, a, before)
+            write_gradient_of(mechanism, constraints.touching, rows, a)
         elif kind == BALLS_AT_MESH:
-            write_gradient_of(
-                mechanism, record_at(constraints.spheres_at_mesh, constraints.meshes[k]).family, rows, a, before
-            )
+            write_gradient_of(mechanism, record_at(constraints.spheres_at_mesh, constraints.meshes[k]).family, rows, a)
         elif kind == SHAPES_AT_MESH:
-            write_gradient_of(
-                mechanism, record_at(constraints.shapes_at_mesh, constraints.meshes[k]).family, rows, a, before
-            )
+            write_gradient_of(mechanism, record_at(constraints.shapes_at_mesh, constraints.meshes[k]).family, rows, a)
 
 
 @kernel("i8(Mechanism, MechanismConstraints, f8[::1], f8[::1], f8[::1], f8, RowBuffer)")

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from ...compiled import kernel
 from ...constraints.mechanism.rows import active_rows, write_gradients
 from ...constraints.mechanism.tables import FOUND, RowBuffer, copy_row
-from ...constraints.rows import mutual_nearest
+from ...constraints.rows import goes_on, mutual_nearest
 from ...projection.positions.travel import largest_bend
 from ...projection.row_speeds import row_speeds
 from ...projection.tree import advance_by, damp_slowed, is_damped
@@ -40,11 +42,27 @@ def take_near(rows: RowBuffer, tolerance: float, margin: float, drift: Array, ne
     return near_rows.size[0]
 
 
-@kernel("i8(MechanismStep, f8[::1], f8[::1], f8[::1])")
-def rows_in_the_middle(s: MechanismStep, middle: Array, end: Array, change: Array) -> int:
+@kernel("i8(RowBuffer, i8, RowBuffer, i8[::1])")
+def nearest_going_on(rows: RowBuffer, a: int, here: RowBuffer, owner: Array) -> int:
+    """Return the nearest row of `here` without an owner that goes on from row a, -1 if there is none; see `goes_on`."""
+    best, nearest = -1, np.inf
+    for b in range(here.size[0]):
+        distance = 0.0
+        for k in range(3):
+            distance += (here.point[b, k] - rows.point[a, k]) ** 2
+        free = distance < nearest
+        for c in range(len(owner)):
+            free = free and owner[c] != b
+        if free and goes_on(rows.normal[a], here.normal[b], rows.J[a], here.J[b]):
+            best, nearest = b, distance
+    return best
+
+
+@kernel("i8(MechanismStep, f8[::1], f8[::1])")
+def rows_in_the_middle(s: MechanismStep, middle: Array, change: Array) -> int:
     """Replace the rows of the end of a step by the same in its middle, in the same order; return a code.
 
-    `middle` and `end`, shape (nq,), are the configurations there, and `change`, shape (k,), that of the gaps between.
+    `middle`, shape (nq,), is the configuration there, and `change`, shape (k,), that of the gaps from there to the end.
     """
     rows, here, most, m = s.rows, s.middle, 0.0, s.rows.size[0]
     for a in range(m):
@@ -59,20 +77,19 @@ def rows_in_the_middle(s: MechanismStep, middle: Array, end: Array, change: Arra
         # rows are found in the order of their numbers
         order[b] = b
     mutual_nearest(rows.number[:m], rows.point[:m], here.number[:n], here.point[:n], order, owner)
-    before = s.mechanism.poses[:0]
     for a in range(m):
         if owner[a] >= 0:
             rows.size[0] = a
             copy_row(here, owner[a], rows)
         else:
-            # a contact without a counterpart in the middle, as where a body has passed a joint of tiles, is taken at
-            # the place on the body where it is at the end
-            if len(before) == 0:
-                place(s.mechanism, end)
-                before = s.mechanism.poses.copy()
-                place(s.mechanism, middle)
+            # a contact without a counterpart in the middle is taken at the place where it is at the end, or where one
+            # that goes on from it is, as before the joint of two tiles
+            b = nearest_going_on(rows, a, here, owner)
+            for k in range(3 if b >= 0 else 0):
+                rows.point[a, k] = here.point[b, k]
             rows.gap[a] -= change[a]
-            write_gradients(s.mechanism, s.constraints, rows, a, before)
+            place(s.mechanism, middle)
+            write_gradients(s.mechanism, s.constraints, rows, a)
     rows.size[0] = m
     return FOUND
 
@@ -165,7 +182,7 @@ def step_of_shared_closings(s: MechanismStep, t: float, q: Array, v: Array, h: f
     for a in range(count):
         gap[a] = s.rows.gap[a]
     s.constraints.given.time[0] = t + half
-    code = rows_in_the_middle(s, middle, end, change)
+    code = rows_in_the_middle(s, middle, change)
     if code != FOUND:
         return code
     if projects:

@@ -152,7 +152,7 @@ def join_law(
     if len(s.bodies.mass) > 0:
         place(s.mechanism, s.room.middle)
         for i in range(k, rows.size[0]):
-            write_gradients(s.mechanism, s.constraints, rows, i, s.mechanism.poses[:0])
+            write_gradients(s.mechanism, s.constraints, rows, i)
     lower = np.empty(rows.size[0])
     for i in range(len(lower)):
         before = inner(rows.J[i], v)
@@ -206,7 +206,7 @@ def follow(s: MechanismStep, v: Array, half: float, sunk: Sunk, near: RowBuffer,
         # all gradients are those at one place
         place(s.mechanism, room.end)
         for i in range(m, k):
-            write_gradients(s.mechanism, s.constraints, there, i, s.mechanism.poses[:0])
+            write_gradients(s.mechanism, s.constraints, there, i)
     for i in range(k):
         a, lower[i] = order[i], -there.e[i] * inner(there.J[i], v)
         # a gap that the projection left open may close until the next law: otherwise its body would fall freely; a
