@@ -127,7 +127,7 @@ def _hides_an_interrupt(error: BaseException | None) -> bool:
 
 
 def _fail_by(error: Exception) -> NoReturn:
-    """Exit with the line and the code of an error, or raise it if it is none that users can be told."""
+    """Exit with the message and the code of an error that a user can cause; raise any other one."""
     # UsageError of the click that typer uses, its own copy or the installed one
     usage: Any = typer.BadParameter.__base__
     if isinstance(error, usage):

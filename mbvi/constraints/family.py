@@ -196,7 +196,7 @@ class ConstraintFamily(ABC):
         return None if reach is None else np.max((reach.T * self.lever).T, axis=0, initial=0.0)
 
     def bending_envelope(self) -> Array | None:
-        """Return the same also where every step queries the family; None where it is not known."""
+        """Return the largest reach, shape (nv,), also where every step queries the family; None if not known."""
         return self.envelope()
 
     def clearance(self) -> float:

@@ -82,10 +82,10 @@ def motion_of(system: System, q: Array, v: Array, at: Touching, point: Array) ->
     return motion
 
 
-def row_biases(system: System, q: Array, v: Array, parts: RowParts) -> Array:
-    """Return (dJ/dt) v of some rows where they touch, shape (k,)."""
-    at, bias = touching(system, q, parts), np.empty(len(parts.kind))
-    write_biases(at.kind, parts.radius, at.normal, at.along, *motion_of(system, q, v, at, at.point), bias)
+def row_biases(system: System, q: Array, v: Array, at: Touching, radius: Array) -> Array:
+    """Return (dJ/dt) v of some rows that touch as `at` says at q, shape (k,); `radius` is that of `RowParts`."""
+    bias = np.empty(len(radius))
+    write_biases(at.kind, radius, at.normal, at.along, *motion_of(system, q, v, at, at.point), bias)
     return bias
 
 

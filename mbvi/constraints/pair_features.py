@@ -167,7 +167,7 @@ class FeatureRows:
 
     def row_bias(self, t: float, q: Array, v: Array, rows: Array) -> Array:
         """Return (dJ/dt) v of some rows where they touch, shape (k,)."""
-        return row_biases(self._system, q, v, self.row_parts(rows))
+        return row_biases(self._system, q, v, self._at(q, rows), self._radius[rows])
 
     def row_parts(self, rows: Array) -> RowParts:
         """Return what some rows are, for kernels."""

@@ -8,7 +8,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from scipy.sparse import csr_array
 
-from ..compiled import kernel
+from ..compiled import kernel, plain_array
 from ..projection.row_speeds import times
 from ..system.free.sparse_rows import stack_rows, take_rows
 from . import tangents as tangent_rows
@@ -164,18 +164,33 @@ def goes_on(normal: Array, other_normal: Array, gradient: Array, other_gradient:
     return along > 0.0 and across <= _SAME_NORMAL and product > 0.0 and product * product >= _SAME_BODIES * own * others
 
 
-def points_going_on(rows: Rows, others: Rows) -> Array:
-    """Return the points of rows, or of the nearest other row that goes on from each, shape (k, 3); see `goes_on`."""
+@kernel("i8(f8[::1], f8[::1], f8[::1], f8[:,::1], f8[:,::1], f8[:,::1], i8[::1])")
+def nearest_going_on(
+    point: Array, normal: Array, gradient: Array, points: Array, normals: Array, gradients: Array, owner: Array
+) -> int:  # fmt: skip
+    """Return the nearest other contact that goes on from one and is not in `owner`, -1 if none; see `goes_on`."""
+    best, nearest = -1, np.inf
+    for b in range(len(points)):
+        distance = 0.0
+        for k in range(3):
+            distance += (points[b, k] - point[k]) ** 2
+        free = distance < nearest
+        for c in range(len(owner)):
+            free = free and owner[c] != b
+        if free and goes_on(normal, normals[b], gradient, gradients[b]):
+            best, nearest = b, distance
+    return best
+
+
+def points_going_on(rows: Rows, others: Rows, owner: Array) -> Array:
+    """Return the points of rows, or of what `nearest_going_on` finds for each among the others, shape (k, 3)."""
     point, J, K = rows.point.copy(), rows.jacobian, others.jacobian
-    if not (isinstance(J, np.ndarray) and isinstance(K, np.ndarray)):
-        # among many bodies this takes too long
-        return point
-    for a in range(len(rows.gap)):
-        nearest = np.inf
-        for b in range(len(others.gap)):
-            distance = float(np.linalg.norm(others.point[b] - rows.point[a]))
-            if distance < nearest and goes_on(rows.normal[a], others.normal[b], J[a], K[b]):
-                nearest, point[a] = distance, others.point[b]
+    # among many bodies, whose rows are sparse, this takes too long
+    if isinstance(J, np.ndarray) and isinstance(K, np.ndarray):
+        found = plain_array(others.point), plain_array(others.normal), plain_array(K)
+        for a in range(len(point)):
+            b = nearest_going_on(rows.point[a], rows.normal[a], J[a], *found, owner)
+            point[a] = others.point[b] if b >= 0 else point[a]
     return point
 
 

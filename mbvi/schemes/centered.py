@@ -154,7 +154,6 @@ def _rows_in_the_middle(problem: Problem, t: float, q: Array, ahead: Rows, chang
     # a contact without a counterpart in the middle is taken at the place where it is at the end, or where one that goes
     # on from it is, as before the joint of two tiles
     rest = take(ahead._replace(gap=ahead.gap - change), ~found)
-    left = take(here, np.setdiff1d(np.arange(len(here.gap)), owner))
-    rest = problem.constraints.at_places(t, q, rest._replace(point=points_going_on(rest, left)))
+    rest = problem.constraints.at_places(t, q, rest._replace(point=points_going_on(rest, here, owner)))
     order = np.argsort(np.concatenate([np.flatnonzero(found), np.flatnonzero(~found)]))
     return take(concatenate([take(here, owner[found]), rest]), order)

@@ -435,6 +435,14 @@ def contacts_of_one_surface(rng):
     )
 
 
+def contacts_that_go_on(rng):
+    """One contact and three others, of which some go on from it, and some are others' own."""
+    normal, other, gradient, _ = contacts_of_one_surface(rng)
+    turned = np.array([normal, other, normal])
+    gradients = np.array([gradient, gradient, rng.normal(size=6)])
+    return rng.normal(size=3), normal, gradient, rng.normal(size=(3, 3)), turned, gradients, rng.integers(-1, 3, size=2)
+
+
 def contacts_at_two_configurations(rng):
     """Contacts of a few constraints at points of a grid, where many are equally near; some have no points."""
     k, m = rng.integers(0, 9, size=2)
@@ -1266,6 +1274,7 @@ ARGUMENTS = {
     "list_candidates": list_candidates,
     "mutual_nearest": contacts_at_two_configurations,
     "goes_on": contacts_of_one_surface,
+    "nearest_going_on": contacts_that_go_on,
     "write_axes": normals,
     "filter_active": filter_active,
     "lowest": lowest,

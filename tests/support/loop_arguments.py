@@ -509,13 +509,6 @@ def rows_by_callback(rng, seed):
     return RowCallback(address, np.zeros(1), found), 1, rng.normal(size=3), 0.1, rows
 
 
-def nearest_going_on(rng, seed):
-    s, _, _ = _call("rows_in_the_middle", CENTERED, (on_block, hopper, quadruped)[seed], (RIGID, ROUGH, ROUGH)[seed], 5)
-    owner = rng.choice([-1, 0], size=s.rows.size[0])
-    # in one of them all go on, each from itself
-    return s.rows, int(rng.integers(s.rows.size[0])), s.rows if seed else s.middle, owner
-
-
 def write_gradients(rng, seed):
     scene, material = (on_block, hopper, quadruped)[seed], (RIGID, ROUGH, ROUGH)[seed]
     s, middle, _ = _call("rows_in_the_middle", CENTERED, scene, material, 5)
@@ -651,7 +644,6 @@ LOOP_ARGUMENTS = {
     "write_distances": write_distances,
     "distances_at": distances_at,
     "distances_along": distances_along,
-    "nearest_going_on": nearest_going_on,
     "write_gradients": write_gradients,
     "write_gradient_of": write_gradient_of,
     "displacement_of_groups": displacement_of_groups,

@@ -23,7 +23,7 @@ from ...geometry.shapes.shapes import HalfSpace, PlacedShape, graph_of
 from ...system import System
 from ...system.mechanisms.separation import row
 from ..feature_kernels import FACE_RIM
-from ..feature_motion import row_biases
+from ..feature_motion import row_biases, touching
 from ..mechanism.held_rows import UNKNOWN, RowParts
 from ..mechanism.point_parts import parts_of_points
 from ..row_table import RowTable
@@ -291,7 +291,8 @@ class HalfSpaceContacts(Pairs):
         moved = self.system.point_bias(q, v, self._second_body[self.owner[points]], numbers[:, :3].copy())
         bias = np.where(parts.kind == UNKNOWN, np.nan, np.vecdot(moved, numbers[:, 12:15]))
         if (rims := parts.kind == FACE_RIM).any():
-            bias[rims] = row_biases(self.system, q, v, RowParts(*(column[rims] for column in parts)))
+            own = RowParts(*(column[rims] for column in parts))
+            bias[rims] = row_biases(self.system, q, v, touching(self.system, q, own), own.radius)
         return bias
 
     def row_parts(self, rows: Array) -> RowParts:

@@ -242,14 +242,16 @@ class EventDrivenIntegrator(MotionState):
 
     def _misses(self, first: Array, step: RungeKuttaStep) -> bool:
         """Return whether the gap of a row that should close at the end of a step is not zero there."""
-        gaps = self.rows.gaps(step.t, step.q0, first), self.rows.gaps(step.t + step.h, step.q, first)
-        lever = float(self.rows.lever[first[0]])
-        before, after = (abs(lever * float(gap[0])) for gap in gaps)
-        # distances that are searched have errors, by which they may change more than bodies move; where it is not known
-        # how far these move, interpolants are all there is
+        lever, most = float(self.rows.lever[first[0]]), _FOUND * self.touching
+        after = abs(lever * float(self.rows.gaps(step.t + step.h, step.q, first)[0]))
+        # where it is not known how far bodies move, interpolants are all there is
         reach = self.rows.reach[first[0]]
-        moved = lever * float(reach @ step.travel) if np.isfinite(reach).all() else 0.0
-        return max(_FOUND * self.touching, 2.0 * before) < after <= 2.0 * before + moved
+        if after <= most or not np.isfinite(reach).all():
+            return False
+        before = abs(lever * float(self.rows.gaps(step.t, step.q0, first)[0]))
+        # distances that are searched have errors, by which they may change more than bodies move
+        moved = lever * float(reach @ step.travel)
+        return max(most, 2.0 * before) < after <= 2.0 * before + moved
 
     def _shorter(self, h: float, factor: float, error: MbviError | None = None) -> float:
         """Return the length of a retried step; raise `error`, or an error of its own, if that is too short."""

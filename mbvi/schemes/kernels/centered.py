@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from ...compiled import kernel
 from ...constraints.mechanism.rows import active_rows, write_gradients
 from ...constraints.mechanism.tables import FOUND, RowBuffer, copy_row
-from ...constraints.rows import goes_on, mutual_nearest
+from ...constraints.rows import mutual_nearest, nearest_going_on
 from ...projection.positions.travel import largest_bend
 from ...projection.row_speeds import row_speeds
 from ...projection.tree import advance_by, damp_slowed, is_damped
@@ -42,22 +40,6 @@ def take_near(rows: RowBuffer, tolerance: float, margin: float, drift: Array, ne
     return near_rows.size[0]
 
 
-@kernel("i8(RowBuffer, i8, RowBuffer, i8[::1])")
-def nearest_going_on(rows: RowBuffer, a: int, here: RowBuffer, owner: Array) -> int:
-    """Return the nearest row of `here` without an owner that goes on from row a, -1 if there is none; see `goes_on`."""
-    best, nearest = -1, np.inf
-    for b in range(here.size[0]):
-        distance = 0.0
-        for k in range(3):
-            distance += (here.point[b, k] - rows.point[a, k]) ** 2
-        free = distance < nearest
-        for c in range(len(owner)):
-            free = free and owner[c] != b
-        if free and goes_on(rows.normal[a], here.normal[b], rows.J[a], here.J[b]):
-            best, nearest = b, distance
-    return best
-
-
 @kernel("i8(MechanismStep, f8[::1], f8[::1])")
 def rows_in_the_middle(s: MechanismStep, middle: Array, change: Array) -> int:
     """Replace the rows of the end of a step by the same in its middle, in the same order; return a code.
@@ -84,7 +66,9 @@ def rows_in_the_middle(s: MechanismStep, middle: Array, change: Array) -> int:
         else:
             # a contact without a counterpart in the middle is taken at the place where it is at the end, or where one
             # that goes on from it is, as before the joint of two tiles
-            b = nearest_going_on(rows, a, here, owner)
+            b = nearest_going_on(
+                rows.point[a], rows.normal[a], rows.J[a], here.point[:n], here.normal[:n], here.J[:n], owner
+            )
             for k in range(3 if b >= 0 else 0):
                 rows.point[a, k] = here.point[b, k]
             rows.gap[a] -= change[a]

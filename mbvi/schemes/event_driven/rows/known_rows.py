@@ -157,7 +157,8 @@ class KnownRows:
 def known_rows(system: System, parts: RowParts) -> KnownRows | None:
     """Return the rows of a system that moves as one mechanism of usual joints without equalities, else None.
 
-    Controls and forces may act on one mechanism; of several ones and of free bodies kernels know none.
+    Controls, springs and forces from outside may act on a single mechanism. Several mechanisms or free bodies on which
+    any of these act have no such rows.
     """
     whole = system
     if not isinstance(system, ArticulatedSystem):
