@@ -345,18 +345,14 @@ class AdmissibleSet(Rebuilt):
     def travel(self, displacement: Array) -> float:
         """Return about how far a displacement, shape (nv,), moves the bodies of the constraints [m].
 
-        Constraints of which `knows_travel` is not true are left out.
+        Constraints that move `searched` velocities may be left out.
         """
         return self.cache.travel(displacement)
 
-    def bend(self, displacement: Array) -> float:
-        """Return about the largest second-order part of a gap along a displacement, shape (nv,) [m]."""
-        return self.cache.bend(displacement)
-
     @property
-    def knows_travel(self) -> bool:
-        """Whether every family states how far a displacement moves its bodies."""
-        return self.cache.knows_travel
+    def searched(self) -> Array:
+        """Velocities that move bodies of constraints which are searched at every step, shape (nv,) of bool."""
+        return self.cache.searched
 
     def gap(self, t: float, q: Array) -> Array:
         """Return every f_a(q), stacked, shape (m,) [m or rad]."""

@@ -119,10 +119,10 @@ class ClearanceCache:
     -----
     State lies in flat arrays, one row for each family that can be skipped: `envelope` and `travel` (n, nv), `clearance`
     (n,). Sets of families are masks with bit k for row k. Families have no such state: several sets may share them.
-    `squares` (n, nv) are those of the envelope, for `travel`, and `turn_squares` those of angles only, for `bend`, also
-    of families that are always queried; `knows_travel` is whether each family has an envelope. While the compiled loop
-    has the state, `reclaim` is the function that takes it back; it is called where functions of the user query the
-    constraints.
+    `squares` (n, nv) are those of the envelope, for `travel`, and `turn_squares` those of angles only, for bends of
+    gaps, also of families that are always queried; `searched` (nv,) are the velocities that move bodies of families
+    without an envelope. While the compiled loop has the state, `reclaim` is the function that takes it back; it is
+    called where functions of the user query the constraints.
     """
 
     def __init__(self, system: System, numbered: Sequence[tuple[ConstraintFamily, int, float]]) -> None:
@@ -130,12 +130,15 @@ class ClearanceCache:
         self._entries: list[_Entry] = []
         envelopes: list[Array] = []
         bending: list[Array] = []
+        self.searched = np.zeros(system.nv, bool)
         for family, start, e in numbered:
             envelope = None if family.moving or len(envelopes) == _MOST_CACHED else family.envelope()
             self._entries.append(_Entry(family, start, e, -1 if envelope is None else len(envelopes)))
             if envelope is not None:
                 envelopes.append(envelope)
             bends = family.bending_envelope() if envelope is None else envelope
+            if envelope is None:
+                self.searched |= True if bends is None else bends > 0.0
             if bends is not None and len(bending) < _MOST_CACHED:
                 bending.append(bends)
         # those with a place in the arrays
@@ -144,8 +147,6 @@ class ClearanceCache:
         self.squares = self._envelope**2
         squares = np.array(bending, dtype=float).reshape(-1, system.nv) ** 2
         self.turn_squares = np.where(system.are_lengths(), 0.0, squares)
-        self._turns = np.where(self.turn_squares > 0.0, 1.0, 0.0)
-        self.knows_travel = len(envelopes) == len(self._entries)
         self._travel, self._clearance = np.zeros(self._envelope.shape), np.full(len(envelopes), -np.inf)
         self._travels = list(self._travel)
         # mask of the families whose candidates are measured at every step
@@ -161,14 +162,6 @@ class ClearanceCache:
         The parts of independent velocities are added as if they were orthogonal.
         """
         return float((self.squares @ (displacement * displacement)).max(initial=0.0)) ** 0.5
-
-    def bend(self, displacement: Array) -> float:
-        """Return about the second-order part of a gap along a displacement [m]: the turning part times its angle.
-
-        Only turning bends gaps to flat shapes, so that the result is the same for each observer in uniform motion.
-        """
-        squares = displacement * displacement
-        return float(((self.turn_squares @ squares) * (self._turns @ squares)).max(initial=0.0)) ** 0.5
 
     def forget(self) -> None:
         """Query every family, and measure every pair, at the next configuration."""

@@ -11,13 +11,15 @@ from ..constraints import Rows
 from ..constraints.rows import concatenate, match_contacts, points_going_on, take
 from ..problem import Problem
 from ..projection import Projector, in_flight
-from ..system.system import Array
+from ..projection.positions.travel import largest_of_parts, largest_of_rows
+from ..system.system import Array, independent_parts
 from .kernels.centered import centered_step
 from .positions.closed_contacts import Applied
+from .positions.least_displacement import independent_groups
 from .positions.nearby_rows import NearbyRows
 from .positions.position_projection import project_positions
 from .scheme import Scheme, Timing
-from .step import NO_RATES, Step, advance_gaps, closing_speeds, coasted, joining, law, near_margin
+from .step import NO_RATES, Step, advance_gaps, closing_speeds, coasted, joining, law, near_margins
 from .tangent_velocity import with_tangent_velocity
 
 
@@ -89,17 +91,19 @@ class Centered(Scheme):
         # a scheme derived from this one may have changed e
         active = _rows_in_the_middle(problem, t, middle, ahead, change)
         active = active._replace(restitution=ahead.restitution)
-        linear = False
-        if self.project_positions and not _bounces(problem, ahead, change):
+        bouncing = parts_that_bounce(problem, ahead, change) if self.project_positions else None
+        if bouncing is not None:
             # gaps that lead to those of the end, which the position projection takes to be linear
-            active, linear = active._replace(gap=ahead.gap - half * active.speeds(v)), True
+            linear = ahead.gap - half * active.speeds(v)
+            bounces = largest_of_parts(ahead.jacobian, independent_parts(system), bouncing) > 0.0
+            active = active._replace(gap=np.where(bounces, active.gap, linear))
         opened = closing_speeds(problem, active, half, half * active.speeds(v)) if self.project_positions else None
         w, rates, residual, slip, found = law(projector, v, motion, *self.rows_of_law(active, v, opened))
         active = active._replace(restitution=found.restitution)
         step = Step(end, middle, w, active, rates, residual, slip)
         if not self.project_positions:
             return with_tangent_velocity(system, coasted(system, advance_gaps(step, half), half), motion)
-        applied = Applied(t, middle, v, h, motion, opened, ahead if linear else None, coasts=True)
+        applied = Applied(t, middle, v, h, motion, opened, ahead, bouncing, coasts=True)
         step = step._replace(q=applied.end(system, w, half)[0])
         step = project_positions(problem, applied, step, projector, nearby)
         return with_tangent_velocity(system, step, motion)
@@ -107,10 +111,10 @@ class Centered(Scheme):
     def rows_ahead(self, problem: Problem, nearby: NearbyRows, q: Array, v: Array, h: float) -> Rows:
         """Return the rows of the law of a step of length h: those that v would close within it, or nearly."""
         displacement, _ = problem.system.coast(v, h)
-        margin = near_margin(problem, self.project_positions, displacement)
-        ahead = nearby.at(problem.system.integrate(q, displacement), margin)
-        if margin > 0.0:
-            ahead = nearby.only(joining(problem, ahead, h * ahead.speeds(displacement / h)))
+        margins = near_margins(problem, self.project_positions, displacement)
+        ahead = nearby.at(problem.system.integrate(q, displacement), margins)
+        if self.project_positions:
+            ahead = nearby.only(joining(problem, ahead, margins, h * ahead.speeds(displacement / h)))
         return ahead
 
     def rows_of_law(self, rows: Rows, v: Array, opened: Array | None) -> tuple[Rows, Array | None]:
@@ -121,12 +125,18 @@ class Centered(Scheme):
         return rows, opened
 
 
-def _bounces(problem: Problem, ahead: Rows, change: Array) -> bool:
-    """Return whether some row may bounce: it keeps its gap then, which must be that of the middle."""
-    if not ahead.restitution.any():
-        return False
+def parts_that_bounce(problem: Problem, ahead: Rows, change: Array) -> Array:
+    """Return 1 for each part that some row connects with one that may bounce, and 0 for others, shape (parts,).
+
+    Their rows keep their gaps, which must be those of the middle. `change`, shape (k,), is as of `_rows_in_the_middle`.
+    """
     rebound = -2.0 * ahead.restitution * change * problem.constraints.levers(ahead.constraint)
-    return bool((rebound > problem.tolerance).any() or (ahead.restitution >= 1.0).any())
+    bounces = (ahead.restitution > 0.0) & ((rebound > problem.tolerance) | (ahead.restitution >= 1.0))
+    part = independent_parts(problem.system)
+    if not bounces.any():
+        return np.zeros(part[-1] + 1)
+    group = independent_groups(ahead.jacobian, part)
+    return largest_of_rows(ahead.jacobian, part, np.isin(group, group[bounces]).astype(float))
 
 
 def _rows_in_the_middle(problem: Problem, t: float, q: Array, ahead: Rows, change: Array) -> Rows:

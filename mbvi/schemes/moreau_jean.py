@@ -14,7 +14,7 @@ from .positions.closed_contacts import Applied
 from .positions.nearby_rows import NearbyRows
 from .positions.position_projection import project_positions
 from .scheme import Scheme, Timing
-from .step import NO_RATES, Step, advance_gaps, closing_speeds, joining, law, near_margin
+from .step import NO_RATES, Step, advance_gaps, closing_speeds, joining, law, near_margins
 
 
 class MoreauJean(Scheme):
@@ -63,15 +63,15 @@ class MoreauJean(Scheme):
         before = self.timing.jump * h
         t += before
         middle = system.integrate(q, before * v)
-        margin = near_margin(problem, self.project_positions, before * v)
-        active = problem.constraints.active(t, middle, problem.tolerance + margin)
-        if margin > 0.0:
-            active = take(active, joining(problem, active, before * active.speeds(v)))
+        margins = near_margins(problem, self.project_positions, before * v)
+        active = problem.constraints.active(t, middle, problem.tolerance + margins.max())
+        if self.project_positions:
+            active = take(active, joining(problem, active, margins, before * active.speeds(v)))
         if not active.gap.size:
             w = system.free_velocity(t, middle, v, h)
             return Step(end, system.integrate(middle, self.theta * h * w), w, active, NO_RATES, 0.0)
         motion = system.free_motion(t, middle, v, h)
-        opened = closing_speeds(problem, active, h) if margin > 0.0 else None
+        opened = closing_speeds(problem, active, h) if self.project_positions else None
         w, rates, residual, slip, active = law(projector, v, motion, active, opened)
         step = Step(end, system.integrate(middle, self.theta * h * w), w, active, rates, residual, slip)
         if self.project_positions:

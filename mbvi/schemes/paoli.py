@@ -14,7 +14,7 @@ from .positions.closed_contacts import Applied
 from .positions.nearby_rows import NearbyRows
 from .positions.position_projection import project_positions
 from .scheme import Scheme, Timing
-from .step import NO_RATES, Step, closing_speeds, joining, law, near_margin
+from .step import NO_RATES, Step, closing_speeds, joining, law, near_margins
 
 
 class Paoli(Scheme):
@@ -50,14 +50,14 @@ class Paoli(Scheme):
         """Return the state at t + h; see `Scheme`."""
         system, drift, origin = problem.system, h * v, q
         t, q = t + h, system.integrate(q, drift)
-        margin = near_margin(problem, self.project_positions, drift)
-        active = problem.constraints.active(t, q, problem.tolerance + margin, origin, drift)
-        if margin > 0.0:
-            active = take(active, joining(problem, active, h * active.speeds(v)))
+        margins = near_margins(problem, self.project_positions, drift)
+        active = problem.constraints.active(t, q, problem.tolerance + margins.max(), origin, drift)
+        if self.project_positions:
+            active = take(active, joining(problem, active, margins, h * active.speeds(v)))
         if not active.gap.size:
             return Step(t, q, system.free_velocity(t, q, v, h), active, NO_RATES, 0.0)
         motion = system.free_motion(t, q, v, h)
-        opened = closing_speeds(problem, active, h) if margin > 0.0 else None
+        opened = closing_speeds(problem, active, h) if self.project_positions else None
         velocity, rates, residual, slip, active = law(projector, v, motion, active, opened)
         step = Step(t, q, velocity, active, rates, residual, slip)
         if not self.project_positions:

@@ -11,7 +11,8 @@ from ..compiled import kernel, plain_array
 from ..constraints import Rows
 from ..problem import Problem
 from ..projection import FreeMotion, Projector, TreeFreeMotion
-from ..system import System
+from ..projection.positions.travel import largest_of_parts, write_bends
+from ..system import System, independent_parts
 from ..system.system import Array
 from .row_projection import project_rows, slip_rates
 
@@ -149,20 +150,28 @@ NEAR = 100.0
 _BENDS, _FARTHEST = 8.0, 0.02
 
 
-def near_margin(problem: Problem, project_positions: bool, displacement: Array) -> float:
+def near_margins(problem: Problem, project_positions: bool, displacement: Array) -> Array:
     """Return how far above the activation tolerance rows may join the law after a displacement, shape (nv,) [m].
 
-    Which of them do, `joins` decides.
+    Of each mechanism and free body one number, shape (parts,): a row has the larger one of its two. Which rows within
+    these margins join, `joins` decides.
     """
-    if not project_positions:
-        return 0.0
-    return margin_of(problem.constraints.bend(displacement), problem.tolerance, problem.length)
+    part = independent_parts(problem.system)
+    margins = np.zeros(part[-1] + 1)
+    if project_positions:
+        squares = plain_array(problem.constraints.cache.turn_squares)
+        write_margins(squares, plain_array(displacement), part, problem.tolerance, problem.length, margins)
+    return margins
 
 
-@kernel("f8(f8, f8, f8)")
-def margin_of(bend: float, tolerance: float, length: float) -> float:
-    """Return how far above the activation tolerance rows may join the law, where gaps bend by `bend` in a step [m]."""
-    return max((NEAR - 1.0) * tolerance, min(_BENDS * bend, _FARTHEST * length))
+@kernel("void(f8[:,::1], f8[::1], i8[::1], f8, f8, f8[::1])")
+def write_margins(
+    squares: Array, displacement: Array, part: Array, tolerance: float, length: float, margins: Array
+) -> None:
+    """Write the margins of `near_margins`, where the gaps of parts bend as `write_bends` says."""
+    write_bends(squares, displacement, part, margins)
+    for p in range(len(margins)):
+        margins[p] = max((NEAR - 1.0) * tolerance, min(_BENDS * margins[p], _FARTHEST * length))
 
 
 @kernel("b1(f8, f8, f8, f8)")
@@ -176,10 +185,15 @@ def joins(gap: float, change: float, lever: float, tolerance: float) -> bool:
     return lever * gap <= NEAR * tolerance or abs(change - 2.0 * gap) <= 2.5 * gap
 
 
-def joining(problem: Problem, rows: Rows, change: Array) -> Array:
-    """Return which rows within the margin join the law, shape (k,); see `joins`; `change` has the same shape."""
-    near = problem.constraints.levers(rows.constraint) * rows.gap <= NEAR * problem.tolerance
-    return np.asarray(near | (np.abs(change - 2.0 * rows.gap) <= 2.5 * rows.gap))
+def joining(problem: Problem, rows: Rows, margins: Array, change: Array) -> Array:
+    """Return which rows join the law, shape (k,): those within their `near_margins` that `joins` takes.
+
+    `change`, shape (k,), is as of `joins`.
+    """
+    lengths = problem.constraints.levers(rows.constraint) * rows.gap
+    own = largest_of_parts(rows.jacobian, independent_parts(problem.system), margins)
+    bent = np.abs(change - 2.0 * rows.gap) <= 2.5 * rows.gap
+    return np.asarray((lengths <= problem.tolerance + own) & (bent | (lengths <= NEAR * problem.tolerance)))
 
 
 @kernel("b1(f8[::1], f8[::1], f8[::1], f8, f8, f8[::1])")
@@ -199,8 +213,8 @@ def write_closing_speeds(gap: Array, lever: Array, change: Array, time: float, t
 def closing_speeds(problem: Problem, rows: Rows, time: float, change: Array | float = 0.0) -> Array | None:
     """Return the speeds at which rows above the activation tolerance close within a time [s], 0 for others, shape (k,).
 
-    `change` is that of the gaps to where the tolerance counts. None if there are no such rows, as where `near_margin`
-    is 0.
+    `change` is that of the gaps to where the tolerance counts. None if there are no such rows, as where
+    `near_margins` are 0.
     """
     gap = plain_array(rows.gap)
     lever, opened = np.ones(len(gap)) * problem.constraints.levers(rows.constraint), np.empty(len(gap))

@@ -37,12 +37,14 @@ def test_gaps_to_first_order_are_those_of_a_search(seed, size):
     displacement = size * rng.normal(size=system.nv)
     near = NearbyRows(PROBLEM, 0.0, linear=True)
     margin = 0.02
-    near.at(PROBLEM.q0, margin)
+    margins = np.array([margin])
+    found = near.at(PROBLEM.q0, margins)
     q = system.integrate(PROBLEM.q0, displacement)
-    known = near.known_at(q, margin)
-    if known is None:
+    known = near.at(q, margins)
+    if near.place is q:
         assert PROBLEM.constraints.travel(displacement) > 1e-3 * PROBLEM.length
         return
+    assert len(found.gap) and near.place is PROBLEM.q0
     true = PROBLEM.constraints.active(0.0, q, PROBLEM.tolerance + margin)
     if len(true.gap) == len(known.gap):
         np.testing.assert_array_equal(known.constraint, true.constraint)
@@ -60,11 +62,13 @@ def test_what_moved_too_far_is_searched_again(searches):
     near.at(system.integrate(PROBLEM.q0, 1e-2 * upward))
     assert len(searches) == 2
     # beyond the margin of a search nothing is known
-    assert near.known_at(near._q, 0.1) is None
+    near.at(near.place, np.array([0.1]))
+    assert len(searches) == 3
     # nor, with any margin, where gaps are not linear
-    near.at(PROBLEM.q0, 0.1)
-    assert near.known_at(system.integrate(PROBLEM.q0, 1e-6 * upward)) is not None
-    assert near.known_at(system.integrate(PROBLEM.q0, 1e-2 * upward)) is None
+    near.at(system.integrate(near.place, 1e-6 * upward))
+    assert len(searches) == 3
+    near.at(system.integrate(near.place, 1e-2 * upward))
+    assert len(searches) == 4
 
 
 def test_without_first_order_every_configuration_is_searched(searches):

@@ -434,7 +434,7 @@ CALLS = {
     "copy_row": [(CENTERED, hopper, BOUNCY, 1), (DEFAULT, quadruped, ROUGH, 9), (CENTERED, hopper, ROUGH, 1)],
     "take_near": [(DEFAULT, hopper, BOUNCY, 41), (DEFAULT, quadruped, RIGID, 70), (DEFAULT, hopper, ROUGH, 60)],
     "rows_in_the_middle": [(CENTERED, hopper, BOUNCY, 1), (CENTERED, on_block, RIGID, 9), (CENTERED, hopper, ROUGH, 5)],
-    "may_bounce": [(DEFAULT, hopper, BOUNCY, 0), (DEFAULT, on_block, BOUNCY, 9), (DEFAULT, quadruped, RIGID, 5)],
+    "mark_bouncing": [(DEFAULT, hopper, BOUNCY, 0), (DEFAULT, on_block, BOUNCY, 9), (DEFAULT, quadruped, RIGID, 5)],
     "bears_or_sinks": [(DEFAULT, swaying, ROUGH, 0), (DEFAULT, swaying, ROUGH, 1), (DEFAULT, swaying, MIXED, 0)],
     "closed_contacts": [(DEFAULT, swaying, ROUGH, 5), (DEFAULT, swaying, ROUGH, 50), (DEFAULT, swaying, MIXED, 9)],
     "project_positions": [(DEFAULT, swaying, ROUGH, 100), (DEFAULT, struck, MIXED, 90), (DEFAULT, swaying, BOUNCY, 9)],
@@ -451,6 +451,10 @@ CALLS = {
         name: [(DEFAULT, struck, ROUGH, 20), (DEFAULT, small_heap, MIXED, 9), (DEFAULT, among_boxes, ROUGH, 9)]
         for name in ("keep_the_rest_of_law", "write_acting")
     },
+    **{
+        name: [(DEFAULT, struck, ROUGH, 2), (DEFAULT, small_heap, MIXED, 1), (DEFAULT, among_boxes, ROUGH, 1)]
+        for name in ("move_parts", "acts_on_free_bodies")
+    },
     "has_friction": [(DEFAULT, swaying, ROUGH, 0), (DEFAULT, swaying, RIGID, 5), (CENTERED, hopper, ROUGH, 1)],
     "known_gaps": [(DEFAULT, swaying, ROUGH, 0), (DEFAULT, hopper, ROUGH, 60), (DEFAULT, on_block, ROUGH, 50)],
     "may_pass": [(PAOLI, hopper, BOUNCY, 9), (DEFAULT, quadruped, RIGID, 50), (PAOLI, quadruped, ROUGH, 70)],
@@ -464,14 +468,15 @@ CALLS = {
     **{
         name: [(PILES, hopper, BOUNCY, 30), (PILES, swaying, ROUGH, 50), (PILES, swaying, MIXED, 9)]
         for name in (
-            "reach_of", "write_bounds", "project_bounds", "depth_of_residual", "displacing_velocity", "write_rates",
-            "lower_to_the_end",
+            "write_reach", "find_within_reach", "write_bounds", "project_bounds", "depth_of_residual",
+            "displacing_velocity", "write_rates", "lower_to_the_end",
         )
     },
     **{
         name: [(DEFAULT, swaying, ROUGH, 12), (DEFAULT, struck, MIXED, 40), (DEFAULT, swaying, BOUNCY, 30)]
         for name in (
-            "rows_for", "copy_rows", "copy_of", "match_rows", "are_known", "find_nearby", "nearby_rows",
+            "rows_for", "copy_rows", "copy_of", "match_rows", "are_known", "find_nearby", "search_nearby",
+            "nearby_rows", "may_bounce",
             "write_free_motion", "write_floor", "mark_rows", "raise_sunk",
             "displace", "least_displacement", "move_marks", "follow", "start_of_tangent_law",
         )
@@ -649,7 +654,6 @@ LOOP_ARGUMENTS = {
     "displacement_of_groups": displacement_of_groups,
     "independent_groups": independent_groups,
     "project_moving": project_moving,
-    "margin_of": lambda rng, seed: (rng.choice([0.0, 1e-5, 1e-2]), 1e-8, rng.random()),
     "stays_sunk": lambda rng, seed: (*rng.normal(size=3), rng.choice([0.0, 0.5, 1.0]), 1e-8),
     "is_closed": lambda rng, seed: (rng.choice([0.0, 1.0]), rng.choice([-1.0, 1.0]) * rng.choice([1e-9, 1e-3]), 1e-8),
     "joins": lambda rng, seed: (rng.normal(scale=1e-6), rng.normal(scale=2e-6), 1.0, 1e-9),

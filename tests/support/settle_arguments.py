@@ -3,14 +3,47 @@
 import numpy as np
 
 
-def largest_travel(rng):
+def write_travels_of_parts(rng):
     n = int(rng.integers(1, 9))
-    return rng.random((2, n)), 1e-3 * rng.normal(size=n)
+    part = np.sort(rng.integers(0, 3, n)) if n > 1 else np.zeros(1, int)
+    return rng.random((2, n)), 1e-3 * rng.normal(size=n), part, np.ones(part[-1] + 1)
 
 
-def largest_bend(rng):
-    squares, displacement = largest_travel(rng)
-    return np.where(rng.random(squares.shape) < 0.5, 0.0, squares), displacement
+def write_bends(rng):
+    squares, *others = write_travels_of_parts(rng)
+    return np.where(rng.random(squares.shape) < 0.5, 0.0, squares), *others
+
+
+def write_margins(rng):
+    *moved, margins = write_bends(rng)
+    return *moved, 1e-8, rng.random(), margins
+
+
+def mark_unknown(rng):
+    n = int(rng.integers(1, 4))
+    return rng.random(n), np.where(rng.random(n) < 0.3, 0.0, 0.5), *rng.random((2, n)), np.ones(n, bool)
+
+
+def _rows_of_parts(rng):
+    """Rows that act on some of six parts of two velocities."""
+    J, *_ = find_moved_groups(rng)
+    return J, np.repeat(np.arange(6), 2)
+
+
+def write_largest_of_parts(rng):
+    J, part = _rows_of_parts(rng)
+    return J, part, rng.random(6), np.ones(len(J))
+
+
+def write_largest_of_rows(rng):
+    J, part = _rows_of_parts(rng)
+    return J, part, rng.random(len(J)), np.ones(6)
+
+
+def mark_within_reach(rng):
+    J, part = _rows_of_parts(rng)
+    row, column = np.nonzero(J)
+    return row, part[column], rng.random(len(J)), 0.5 * rng.random(6), np.ones(len(J), bool)
 
 
 def find_moved_groups(rng):
@@ -34,5 +67,8 @@ def write_along_axes(rng):
     return values, *axes, rng.permutation(k), np.zeros(len(values))
 
 
-GIVEN = largest_travel, largest_bend, find_moved_groups, restore_columns, write_along_axes
+GIVEN = (
+    write_travels_of_parts, write_bends, write_margins, mark_unknown, write_largest_of_parts, write_largest_of_rows,
+    mark_within_reach, find_moved_groups, restore_columns, write_along_axes,
+)  # fmt: skip
 SETTLE_ARGUMENTS = {kernel.__name__: kernel for kernel in GIVEN}

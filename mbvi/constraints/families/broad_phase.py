@@ -166,6 +166,10 @@ class BroadPhasePairs(Rebuilt, ConstraintFamily):
         carried, inner = self._reaches().sum(axis=1), self._shapes.inner
         return float((inner[carried > 0.0] / carried[carried > 0.0]).min(initial=np.inf))
 
+    def bending_envelope(self) -> Array:
+        """Return the largest reach of any shape, shape (nv,)."""
+        return np.asarray(self._reaches().max(axis=0).toarray()).ravel()
+
     def _reaches(self) -> Array:
         """Return how far each velocity can carry a point of each shape, sparse, shape (n, nv)."""
         if self._reach is None:

@@ -284,6 +284,10 @@ class SphereWalls(Rebuilt, ConstraintFamily):
         point, normal = self.nearest_points(q)
         return point[rows], normal[rows]
 
+    def bending_envelope(self) -> Array:
+        """Return how far each velocity carries a centre or a wall, shape (nv,)."""
+        return np.max([self._where.moved_in(self.system), *(reach for _, reach in self._reach)], axis=0)
+
     def least_displacement(self) -> float:
         """Return a bound: no sphere passes through a wall if no entry of a displacement is larger."""
         # sphere and wall together travel no more than this times the largest entry

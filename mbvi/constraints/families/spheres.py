@@ -9,7 +9,7 @@ import numpy as np
 from ...compiled import kernel, plain_array
 from ...geometry.broad.sweep import may_pass
 from ...geometry.broad.verlet_list import VerletList
-from ...system import System
+from ...system import System, located_parts
 from ...system.free.sparse_rows import dense
 from ..family import ConstraintFamily
 from ..rebuilt import Rebuilt
@@ -84,6 +84,13 @@ class SphereCentres(NamedTuple):
         """Return the centres as a view of q, shape (n, 3)."""
         end = self.start + self.number * self.stride
         return q[self.start : end].reshape(self.number, self.stride)[:, :3]
+
+    def moved_in(self, system: System) -> Array:
+        """Return 1 for the velocities of the spheres and 0 for others, shape (nv,)."""
+        last = located_parts(system)[-1].system
+        moved = np.zeros(system.nv)
+        moved[system.nv - self.number * (last.nv // last.independent_bodies) :] = 1.0
+        return moved
 
 
 class SphereContacts(Rebuilt, ConstraintFamily):
@@ -188,6 +195,10 @@ class SphereContacts(Rebuilt, ConstraintFamily):
             reach = self.system.reach(self._first_body + body, np.zeros(3), 0.0)
             rows[here[(i == body) | (j == body)]] += reach
         return rows
+
+    def bending_envelope(self) -> Array:
+        """Return how far each velocity carries a centre, shape (nv,)."""
+        return self.where.moved_in(self.system)
 
     def least_displacement(self) -> float:
         """Return a bound: no sphere travels its radius if no entry of a displacement is larger."""

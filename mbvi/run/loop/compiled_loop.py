@@ -20,7 +20,7 @@ from ...schemes import MoreauJean, Scheme, Step
 from ...schemes.contact_friction import friction_of
 from ...schemes.kernels.records import DONE, LawMemory, MechanismStep, Scales, room
 from ...schemes.observer import contacts_of_step
-from ...schemes.positions.nearby_rows import largest_reach
+from ...schemes.positions.nearby_rows import linear_reach
 from ...schemes.step import STILL
 from ...system.mechanisms.joined import joined
 from ...system.mechanisms.mechanism import Mechanism
@@ -260,13 +260,13 @@ def mechanism_step(
     # forces from outside act on all parts
     parts = (system,) if system.loaded else parts_of(system)
     late = np.concatenate([np.full(part.nv, part.velocity_dependent) for part in parts])
-    late, reach = late if late.any() else late[:0], largest_reach(problem)
+    late, part = late if late.any() else late[:0], independent_parts(system)
     scales = Scales(
-        problem.tolerance, problem.length, reach, residual, squares, turn_squares, late, independent_parts(system),
+        problem.tolerance, problem.length, residual, squares, turn_squares, late, part, linear_reach(problem, part),
         theta, scheme.project_positions, system.loaded,
     )  # fmt: skip
     rows, ahead, middle = (row_buffer(nv, frictional, turns) for _ in range(3))
-    own = room(nq, nv, len(mechanism.mass) - nv)
+    own = room(nq, nv, len(mechanism.mass) - nv, part[-1] + 1)
     return MechanismStep(
         mechanism, problem.free_bodies, state.arrays, memory, scales, control, acted, own, rows, ahead, middle,
         np.zeros(nq), np.zeros(nv), np.zeros(4 * MOST_ROWS), np.zeros(8 * MOST_ROWS if frictional else 0),

@@ -12,7 +12,7 @@ from ...projection import Projector
 from ...system.system import Array
 from ..centered import Centered
 from ..positions.nearby_rows import NearbyRows
-from ..step import Step, joining, near_margin
+from ..step import Step, joining, near_margins
 from .measure import Measure
 
 # travel in a step up to which gaps are looked at, and the most, in lengths of the scene
@@ -107,13 +107,12 @@ class HoldingCentered(Centered):
         if self.resting is None or not len(self.resting.gap):
             return super().rows_ahead(problem, nearby, q, v, h)
         moved, _ = problem.system.coast(v, h)
-        margin = near_margin(problem, True, moved)
+        margins = near_margins(problem, True, moved)
         # constraints of the user do not say how far their bodies travel
         travel = max(problem.constraints.travel(moved), self._measure.size(moved) * problem.length)
-        far = max(margin, min(_TRAVEL * travel + margin, _FARTHEST * problem.length))
+        far = np.maximum(margins, np.minimum(_TRAVEL * travel + margins, _FARTHEST * problem.length))
         ahead = nearby.at(problem.system.integrate(q, moved), far)
-        near = problem.constraints.levers(ahead.constraint) * ahead.gap <= problem.tolerance + margin
-        joins = near & joining(problem, ahead, h * ahead.speeds(moved / h))
+        joins = joining(problem, ahead, margins, h * ahead.speeds(moved / h))
         rests = match_contacts(ahead, self.resting) >= 0
         chosen = joins | rests
         ahead = nearby.only(chosen)

@@ -2,35 +2,41 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from ...compiled import kernel
 from ...constraints.mechanism.rows import active_rows, write_gradients
-from ...constraints.mechanism.tables import FOUND, RowBuffer, copy_row
+from ...constraints.mechanism.tables import FOUND, copy_row
 from ...constraints.rows import mutual_nearest, nearest_going_on
-from ...projection.positions.travel import largest_bend
+from ...projection.positions.travel import write_largest_of_parts, write_largest_of_rows
 from ...projection.row_speeds import row_speeds
 from ...projection.tree import advance_by, damp_slowed, is_damped
 from ...system.free.spinning import remove_spin_effects
 from ...system.mechanisms.equalities import EACH_ITS_OWN, FIRST_FINDS
 from ...system.mechanisms.mechanism import evaluate_nonlinear_effects, glide, place, weigh
 from ...system.system import Array
+from ..positions.displacement_kernel import independent_groups
+from ..positions.nearby_kernel import search_nearby
 from ..positions.settle_kernel import glide_to_end, project_positions, take_velocity_of_end
-from ..step import joins, margin_of, write_closing_speeds
+from ..step import joins, write_closing_speeds, write_margins
 from ..tangent_velocity import make_tangent
 from .joint_friction import apply_joint_friction, joints_with_friction
 from .phases import act, apply_law, move_freely
 from .records import DONE, UNSOLVED, MechanismStep
 
 
-@kernel("i8(RowBuffer, f8, f8, f8[::1], RowBuffer, b1[::1])")
-def take_near(rows: RowBuffer, tolerance: float, margin: float, drift: Array, near_rows: RowBuffer, near: Array) -> int:
-    """Copy the rows that join the law within a margin beyond the tolerance [m]; write which and return how many.
+@kernel("i8(MechanismStep, f8[::1], b1[::1])")
+def take_near(s: MechanismStep, drift: Array, near: Array) -> int:
+    """Copy the rows ahead that join the law to its rows; write which and return how many; see `joining`.
 
-    `drift`, shape (nv,), leads to where the rows are; see `joins`.
+    `drift`, shape (nv,), leads to where the rows are.
     """
-    near_rows.size[0] = 0
+    rows, near_rows, tolerance = s.ahead, s.rows, s.scales.tolerance
+    near_rows.size[0], own = 0, np.empty(rows.size[0])
+    write_largest_of_parts(rows.J, s.scales.part, s.room.margins, own)
     for a in range(rows.size[0]):
-        near[a] = rows.lever[a] * rows.gap[a] <= tolerance + margin
-        if near[a] and margin > 0.0:
+        near[a] = rows.lever[a] * rows.gap[a] <= tolerance + own[a]
+        if near[a] and own[a] > 0.0:
             change = 0.0
             for k in range(len(drift)):
                 change += rows.J[a, k] * drift[k]
@@ -78,14 +84,29 @@ def rows_in_the_middle(s: MechanismStep, middle: Array, change: Array) -> int:
     return FOUND
 
 
-@kernel("b1(RowBuffer, f8[::1], f8)")
-def may_bounce(rows: RowBuffer, change: Array, tolerance: float) -> bool:
-    """Return whether some row may bounce: it keeps its gap then, which must be that of the middle."""
-    for a in range(rows.size[0]):
+@kernel("void(MechanismStep, f8[::1], b1[::1])")
+def mark_bouncing(s: MechanismStep, change: Array, bounces: Array) -> None:
+    """Write `parts_that_bounce` (`room.bouncing`), and which rows act on them: those keep the gaps of the middle.
+
+    `change` and `bounces` have the shape (k,).
+    """
+    rows, k, some = s.rows, s.rows.size[0], False
+    for a in range(k):
         rebound = -2.0 * rows.e[a] * change[a] * rows.lever[a]
-        if rows.e[a] > 0.0 and (rebound > tolerance or rows.e[a] >= 1.0):
-            return True
-    return False
+        bounces[a] = rows.e[a] > 0.0 and (rebound > s.scales.tolerance or rows.e[a] >= 1.0)
+        some = some or bounces[a]
+    s.room.bouncing[:] = 0.0
+    if not some:
+        return
+    group, connected = np.empty(k, np.int64), np.zeros(k)
+    independent_groups(rows.J[:k], s.scales.part, group)
+    for a in range(k):
+        if bounces[a]:
+            connected[group[a]] = 1.0
+    for a in range(k):
+        connected[a] = connected[group[a]]
+        bounces[a] = connected[a] > 0.0
+    write_largest_of_rows(rows.J, s.scales.part, connected, s.room.bouncing)
 
 
 @kernel("void(MechanismStep, f8[::1], f8[::1])")
@@ -140,16 +161,16 @@ def step_of_shared_closings(s: MechanismStep, t: float, q: Array, v: Array, h: f
     scales, room, half = s.scales, s.room, 0.5 * h
     drift, end, middle, w = room.drift, room.end, room.middle, room.before
     glide(s.mechanism, q, v, h, drift, end, w)
-    projects, near_margin, margin = scales.projects, 0.0, 0.0
+    projects = scales.projects
+    room.margins[:] = 0.0
     if projects:
-        near_margin = margin_of(largest_bend(scales.turn_squares, drift), scales.tolerance, scales.length)
-        margin = near_margin + 2.0 * scales.reach
+        write_margins(scales.turn_squares, drift, scales.part, scales.tolerance, scales.length, room.margins)
     s.constraints.given.time[0] = t + h
-    code = active_rows(s.mechanism, s.constraints, q[:0], drift, end, scales.tolerance + margin, s.ahead)
+    code = search_nearby(s)
     if code != FOUND:
         return code
     near = room.near[: s.ahead.size[0]]
-    count = take_near(s.ahead, scales.tolerance, near_margin, drift, s.rows, near)
+    count = take_near(s, drift, near)
     # from here on w is the velocity before the law
     glide(s.mechanism, q, v, half, drift, middle, w)
     centered_forces(s, t + half, middle, w, half)
@@ -162,7 +183,9 @@ def step_of_shared_closings(s: MechanismStep, t: float, q: Array, v: Array, h: f
         return DONE if make_tangent(s, 0) else UNSOLVED
     change, gap, opened = room.change[:count], room.gap[:count], room.opened[:0]
     row_speeds(s.rows.J, w, half, change)
-    bounces = projects and may_bounce(s.rows, change, scales.tolerance)
+    bounces = room.bounces[:count]
+    if projects:
+        mark_bouncing(s, change, bounces)
     for a in range(count):
         gap[a] = s.rows.gap[a]
     s.constraints.given.time[0] = t + half
@@ -171,9 +194,9 @@ def step_of_shared_closings(s: MechanismStep, t: float, q: Array, v: Array, h: f
         return code
     if projects:
         row_speeds(s.rows.J, w, half, change)
-        if not bounces:
-            # gaps that lead to those of the end, which the position projection takes to be linear
-            for a in range(count):
+        for a in range(count):
+            if not bounces[a]:
+                # gaps that lead to those of the end, which the position projection takes to be linear
                 s.rows.gap[a] = gap[a] - change[a]
         if write_closing_speeds(
             s.rows.gap[:count], s.rows.lever[:count], change, half, scales.tolerance, room.opened[:count]
@@ -187,12 +210,12 @@ def step_of_shared_closings(s: MechanismStep, t: float, q: Array, v: Array, h: f
         for a in range(count):
             s.rows.gap[a] += half * s.rates[2 * count + a]
         return DONE if make_tangent(s, count) else UNSOLVED
-    s.constraints.given.time[0], room.margin[0] = t + h, margin
+    s.constraints.given.time[0] = t + h
     if len(opened) == 0:
         for a in range(count):
             room.opened[a] = 0.0
     glide_to_end(s, half)
-    code = project_positions(s, w, h, near, bounces)
+    code = project_positions(s, w, h, near)
     if code == DONE and not make_tangent(s, s.rows.size[0]):
         return UNSOLVED
     return code

@@ -38,7 +38,7 @@ class LawMemory(NamedTuple):
     size: Array
 
 
-@record("f8, f8, f8, f8, f8[:,::1], f8[:,::1], b1[::1], i8[::1], f8, b1, b1")
+@record("f8, f8, f8, f8[:,::1], f8[:,::1], b1[::1], i8[::1], f8[::1], f8, b1, b1")
 class Scales(NamedTuple):
     """Numbers of a problem and of a scheme.
 
@@ -46,8 +46,6 @@ class Scales(NamedTuple):
     ----------
     tolerance, length : float
         Activation tolerance and length of the scene [m].
-    reach : float
-        Travel below which gaps count as linear [m].
     residual : float
         Relative residual that a projection may have.
     squares, turn_squares : ndarray, shape (families, nv)
@@ -56,6 +54,8 @@ class Scales(NamedTuple):
         The velocities at which `Centered` evaluates forces half a step later; of no size where there are none.
     part : ndarray of int, shape (nv,)
         See `independent_parts`.
+    reach : ndarray, shape (parts,)
+        See `linear_reach`.
     theta : float
         Of `MoreauJean`.
     projects : bool
@@ -66,12 +66,12 @@ class Scales(NamedTuple):
 
     tolerance: float
     length: float
-    reach: float
     residual: float
     squares: Array
     turn_squares: Array
     late: Array
     part: Array
+    reach: Array
     theta: float
     projects: bool
     loaded: bool
@@ -80,7 +80,7 @@ class Scales(NamedTuple):
 @record(
     "f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:,::1], f8[::1],"
     " f8[::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1],"
-    " i8[::1], i8[::1], i8[::1], b1[::1], b1[::1], b1[::1], b1[::1]"
+    " f8[::1], i8[::1], i8[::1], i8[::1], b1[::1], b1[::1], b1[::1], b1[::1]"
 )
 class Room(NamedTuple):
     """Room within a step: kernels that make no arrays are faster.
@@ -104,13 +104,15 @@ class Room(NamedTuple):
         Of rows.
     table : ndarray, shape (8 MOST_ROWS,)
         Several numbers of each row.
-    margin : ndarray, shape (1,)
-        How far beyond the tolerance rows are known [m].
+    margins : ndarray, shape (parts,)
+        Of each mechanism and free body how far beyond the tolerance rows are known, less twice `Scales.reach` [m].
+    bouncing : ndarray, shape (parts,)
+        See `parts_that_bounce`.
     known : ndarray of int, shape (1,)
         How many rows of `damped` belong to this step: all or none.
     owner, order : ndarray of int, shape (MOST_ROWS,)
         Rows.
-    near, law, closed, settled : ndarray of bool, shape (MOST_ROWS,)
+    near, law, closed, bounces : ndarray of bool, shape (MOST_ROWS,)
         Masks of rows.
     """
 
@@ -136,25 +138,26 @@ class Room(NamedTuple):
     gap: Array
     bound: Array
     table: Array
-    margin: Array
+    margins: Array
+    bouncing: Array
     known: Array
     owner: Array
     order: Array
     near: Array
     law: Array
     closed: Array
-    settled: Array
+    bounces: Array
 
 
-def room(nq: int, nv: int, equalities: int) -> Room:
-    """Return room for a mechanism with some rows of equalities."""
+def room(nq: int, nv: int, equalities: int, parts: int) -> Room:
+    """Return room for a mechanism of some parts, with some rows of equalities."""
     tangents, places = np.zeros((10, nv)), np.zeros((2, nq))
     factors, solved = np.zeros((2, nv + equalities, nv)), np.zeros((2, MOST_ROWS, nv))
-    floats, table, margin = np.zeros((4, MOST_ROWS)), np.zeros(8 * MOST_ROWS), np.zeros(1)
+    floats, table, of_parts = np.zeros((4, MOST_ROWS)), np.zeros(8 * MOST_ROWS), np.zeros((2, parts))
     numbers, masks = np.zeros((2, MOST_ROWS), np.int64), np.zeros((4, MOST_ROWS), bool)
     matrices: Any = factors[0], *solved, factors[1]
     known = np.zeros(1, np.int64)
-    fields: Any = *tangents, np.zeros((2, nv)), *places, *matrices, *floats, table, margin, known, *numbers, *masks
+    fields: Any = *tangents, np.zeros((2, nv)), *places, *matrices, *floats, table, *of_parts, known, *numbers, *masks
     return Room(*fields)
 
 

@@ -37,6 +37,8 @@ class Applied(NamedTuple):
         Speeds at which rows of the law that are open may close.
     ahead : Rows or None
         What the rows of the law are at the end of the step, in the same order; None where this is not to be used.
+    bouncing : ndarray, shape (parts,), or None
+        1 for the parts of which it is not to be used either, because some contact may bounce, and 0 for others.
     coasts : bool
         Whether bodies move from there as `System.coast` does, and not along the retraction.
     """
@@ -48,6 +50,7 @@ class Applied(NamedTuple):
     motion: FreeMotion | TreeFreeMotion
     opened: Array | None = None
     ahead: Rows | None = None
+    bouncing: Array | None = None
     coasts: bool = False
 
     def end(self, system: System, w: Array, time: float) -> tuple[Array, Array]:

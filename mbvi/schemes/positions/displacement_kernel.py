@@ -13,7 +13,7 @@ from ...projection.dense.fused_step import FEW
 from ...projection.dense.orthonormal_rows import inner
 from ...projection.dense.robot_step import solve_active_set
 from ...projection.positions.held_rows import held_tangents, hold_rows, raises_near
-from ...projection.positions.travel import MOST_LINEARISATIONS, NEARBY
+from ...projection.positions.travel import MOST_LINEARISATIONS
 from ...projection.tree import solve
 from ...system.free.free_momentum import root_of
 from ...system.mechanisms.mechanism import carry
@@ -25,7 +25,7 @@ from .nearby_kernel import copy_of, find_nearby, match_rows, nearby_rows
 IMPOSSIBLE = -1
 
 
-@record("f8[::1], f8, b1[::1], f8[::1], f8[::1], f8[::1]")
+@record("f8[::1], f8[::1], b1[::1], f8[::1], f8[::1], f8[::1]")
 class Sunk(NamedTuple):
     """Where a position projection starts, and what it leads to.
 
@@ -33,8 +33,8 @@ class Sunk(NamedTuple):
     ----------
     floor : ndarray, shape (m,)
         Lower bounds of the gaps of the active rows at the end of the step.
-    depth : float
-        The largest distance by which a gap must rise [m].
+    margins : ndarray, shape (parts,)
+        Of each part, gaps up to which rows take part in the projection [m].
     sticks : ndarray of bool, shape (k,) or (0,)
         The rows of the law that are held along their tangents; of no size where displacements need not hold any.
     moved : ndarray, shape (nv,)
@@ -46,7 +46,7 @@ class Sunk(NamedTuple):
     """
 
     floor: Array
-    depth: float
+    margins: Array
     sticks: Array
     moved: Array
     place: Array
@@ -172,7 +172,7 @@ def least_displacement(s: MechanismStep, active: RowBuffer, sunk: Sunk) -> int:
         if not 0.0 <= residual < np.inf:
             return IMPOSSIBLE if residual < 0.0 else UNSOLVED
         carry(s.mechanism, s.q, moved, sunk.place)
-        code = find_nearby(s, sunk.place, NEARBY * sunk.depth)
+        code = find_nearby(s, sunk.place, sunk.margins)
         if code != FOUND:
             return code
         last, near, settled = near, nearby_rows(s), True
@@ -250,7 +250,7 @@ def displacement_of_groups(s: MechanismStep, active: RowBuffer, sunk: Sunk) -> i
                 continue
             before, part = (
                 others,
-                Sunk(bound, sunk.depth, sunk.sticks[:0], sunk.moved, sunk.place, sunk.residual),
+                Sunk(bound, sunk.margins, sunk.sticks[:0], sunk.moved, sunk.place, sunk.residual),
             )
             code = least_displacement(s, active, part)
             if code == FOUND:
@@ -267,14 +267,14 @@ def displacement_of_groups(s: MechanismStep, active: RowBuffer, sunk: Sunk) -> i
         sunk.moved[k] = total[k]
     sunk.residual[0] = residual
     carry(s.mechanism, s.q, sunk.moved, sunk.place)
-    return find_nearby(s, sunk.place, NEARBY * sunk.depth)
+    return find_nearby(s, sunk.place, sunk.margins)
 
 
 @kernel("i8(MechanismStep, RowBuffer, Sunk)")
 def raise_sunk(s: MechanismStep, active: RowBuffer, sunk: Sunk) -> int:
     """Find the displacement that raises rows, or as many as can be; arguments and result as of `least_displacement`."""
     code = least_displacement(s, active, sunk)
-    free = Sunk(sunk.floor, sunk.depth, sunk.sticks[:0], sunk.moved, sunk.place, sunk.residual)
+    free = Sunk(sunk.floor, sunk.margins, sunk.sticks[:0], sunk.moved, sunk.place, sunk.residual)
     if code == IMPOSSIBLE and len(sunk.sticks) > 0:
         # a body that landed tilted cannot turn about contacts that are all held
         code = least_displacement(s, active, free)

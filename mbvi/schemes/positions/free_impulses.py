@@ -8,6 +8,7 @@ from scipy.sparse import csr_array
 from ...compiled import kernel, plain_array
 from ...constraints import Rows
 from ...constraints.mechanism.tables import RowBuffer
+from ...constraints.rows import concatenate, take
 from ...constraints.tangents import along_axes
 from ...problem import Problem
 from ...projection import FreeMotion, TreeFreeMotion
@@ -19,11 +20,28 @@ from ..kernels.records import MechanismStep
 from ..step import Step
 
 
+def _of_free_bodies(problem: Problem) -> Array:
+    """Return which velocities move free bodies, shape (nv,)."""
+    free, to_space = problem.free_bodies.owner >= 0, problem.in_space
+    return np.asarray(free if to_space is None else abs(to_space).T @ free > 0.0)
+
+
 def with_gradients_at(problem: Problem, t: float, q: Array, rows: Rows) -> Rows:
-    """Return rows found elsewhere with gradients at a configuration, where free bodies need all of them to be there."""
-    if not len(problem.free_bodies.q):
+    """Return rows found elsewhere, those that act on free bodies with the gradients at a configuration."""
+    acts = abs(rows.jacobian) @ _of_free_bodies(problem) > 0.0
+    if not acts.any():
         return rows
-    return problem.constraints.at_places(t, q, rows)
+    there = concatenate([problem.constraints.at_places(t, q, take(rows, acts)), take(rows, ~acts)])
+    return take(there, np.argsort(np.argsort(~acts, kind="stable")))
+
+
+@kernel("b1(MechanismStep, RowBuffer, i8)")
+def acts_on_free_bodies(s: MechanismStep, rows: RowBuffer, a: int) -> bool:
+    """Return whether row a acts on a free body."""
+    for k in range(len(s.v)):
+        if rows.J[a, k] != 0.0 and s.bodies.owner[k] >= 0:
+            return True
+    return False
 
 
 def without_percussions(
@@ -33,16 +51,15 @@ def without_percussions(
 
     `owner`, shape (k,), are the rows of the law at the same contacts. None if there are no free bodies.
     """
-    bodies, to_space = problem.free_bodies, problem.in_space
-    if not len(bodies.q):
+    if not len(problem.free_bodies.q):
         return None
     impulse = rows.jacobian.T @ step.percussion[owner]
     before, tangents = step.active.tangents, rows.tangents
     if step.slip is not None and before is not None and tangents is not None:
         friction = along_axes(step.slip[0][owner], before.axes[owner], tangents.axes)
         impulse = impulse + tangents.jacobian.T @ friction.ravel()
-    start, free = step.v - motion.metric.solve_rows(impulse[None])[0], bodies.owner >= 0
-    return np.where(free if to_space is None else abs(to_space).T @ free > 0.0, start, motion.free)
+    start = step.v - motion.metric.solve_rows(impulse[None])[0]
+    return np.where(_of_free_bodies(problem), start, motion.free)
 
 
 @kernel("void(MechanismStep, RowBuffer, i8[::1], f8[::1], f8[::1], f8[::1])")

@@ -14,7 +14,7 @@ from ...errors import ProjectionError
 from ...problem import Problem
 from ...projection import Metric, Projector
 from ...projection.positions.held_rows import FARTHEST, HARDLY
-from ...projection.positions.travel import MOST_LINEARISATIONS, NEARBY
+from ...projection.positions.travel import MOST_LINEARISATIONS
 from ...projection.row_speeds import times
 from ...system import independent_parts
 from ...system.system import Array
@@ -39,8 +39,8 @@ class SunkRows(NamedTuple):
         The rows of the law at the end of the step.
     active : Rows
         The active rows at q.
-    depth : float
-        The largest distance by which a gap must rise [m].
+    margins : ndarray, shape (parts,)
+        Of each part, gaps up to which rows take part in the projection [m].
     projector : Projector
         Solves the projections.
     nearby : NearbyRows
@@ -52,7 +52,7 @@ class SunkRows(NamedTuple):
     metric: Metric
     marks: Rows
     active: Rows
-    depth: float
+    margins: Array
     projector: Projector
     nearby: NearbyRows
 
@@ -96,7 +96,7 @@ def least_displacement(sunken: SunkRows, floor: Array, sticking: Array | None = 
     lower bound, and those of all rows with a positive percussion equal it, to within the activation tolerance.
     Equality matters: a contact whose gap remained open would not be active, and its body would fall.
     """
-    problem, q, metric, marks, active, depth, projector, nearby = sunken
+    problem, q, metric, marks, active, margins, projector, nearby = sunken
     system, tolerance = problem.system, problem.tolerance
     moved = still = np.zeros(system.nv)
     near, bound = active, floor
@@ -112,7 +112,7 @@ def least_displacement(sunken: SunkRows, floor: Array, sticking: Array | None = 
         if sticking is not None and not _raises(metric, near.jacobian, moved, lower, tolerance):
             return None
         place, last = system.integrate(q, moved), near
-        near = nearby.at(place, NEARBY * depth)
+        near = nearby.at(place, margins)
         owner, pushed = match_contacts(near, active), match_contacts(near, last)
         bound = np.where(owner >= 0, floor[owner], 0.0)
         excess = problem.constraints.levers(near.constraint) * (near.gap - bound)
@@ -139,7 +139,7 @@ def displacement_of_groups(sunken: SunkRows, floor: Array) -> Displaced | None:
     if not some:
         return None
     place = problem.system.integrate(sunken.q, moved)
-    return Displaced(place, moved, sunken.nearby.at(place, NEARBY * sunken.depth), residual)
+    return Displaced(place, moved, sunken.nearby.at(place, sunken.margins), residual)
 
 
 def _bounds_of_groups(problem: Problem, rows: Rows, floor: Array) -> list[list[Array]]:

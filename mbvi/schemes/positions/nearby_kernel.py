@@ -1,6 +1,6 @@
 """Kernels that keep rows found at one configuration, and search them again where gaps are not linear; see `NearbyRows`.
 
-Rows are known in `ahead` of a step: found at `room.end` within the tolerance and `room.margin`. `room.gap` has their
+Rows are known in `ahead` of a step: found at `room.end` within the tolerance and `room.margins`. `room.gap` has their
 gaps at the last configuration in question, and `room.near` those that count there.
 """
 
@@ -12,10 +12,12 @@ from ...compiled import kernel
 from ...constraints.mechanism.rows import active_rows
 from ...constraints.mechanism.tables import FOUND, RowBuffer, copy_row, rows_for
 from ...constraints.rows import mutual_nearest
-from ...projection.positions.travel import largest_travel
+from ...projection.positions.travel import write_largest_of_parts, write_travels_of_parts
+from ...system.mechanisms.mechanism import carry
 from ...system.mechanisms.pinocchio_address import tangent
 from ...system.system import Array
 from ..kernels.records import MechanismStep
+from .nearby_rows import mark_unknown
 
 
 @kernel("void(RowBuffer, RowBuffer)")
@@ -50,9 +52,9 @@ def match_rows(rows: RowBuffer, others: RowBuffer, owner: Array) -> None:
     mutual_nearest(rows.number[:k], rows.point[:k], number[:m], others.point[:m], order, owner)
 
 
-@kernel("f8(MechanismStep, f8[::1])")
-def known_gaps(s: MechanismStep, place: Array) -> float:
-    """Write the gaps of the known rows at a place to first order (`room.gap`); return the travel to it [m]."""
+@kernel("void(MechanismStep, f8[::1])")
+def known_gaps(s: MechanismStep, place: Array) -> None:
+    """Write the gaps of the known rows at a place to first order (`room.gap`), and the displacement to it."""
     known, gap, displacement = s.ahead, s.room.gap, s.room.displacement
     tangent(s.mechanism.calls, s.room.end, place, displacement)
     for a in range(known.size[0]):
@@ -60,35 +62,71 @@ def known_gaps(s: MechanismStep, place: Array) -> float:
         for k in range(len(displacement)):
             change += known.J[a, k] * displacement[k]
         gap[a] = known.gap[a] + change
-    return largest_travel(s.scales.squares, displacement)
 
 
-@kernel("b1(MechanismStep, f8[::1], f8)")
-def are_known(s: MechanismStep, place: Array, margin: float) -> bool:
-    """Write the gaps at a place to first order; return whether these are all rows within a margin there [m]."""
-    reach = s.scales.reach
-    if not reach > 0.0:
-        return False
-    travel = known_gaps(s, place)
-    return travel <= reach and margin + travel <= s.room.margin[0]
+@kernel("b1(MechanismStep, f8[::1], f8[::1], b1[::1])")
+def are_known(s: MechanismStep, place: Array, margins: Array, unknown: Array) -> bool:
+    """Write the gaps at a place to first order; return whether these are all rows within the margins there.
+
+    `margins` [m] and `unknown`, shape (parts,), are as of `mark_unknown`.
+    """
+    known_gaps(s, place)
+    travels = np.empty(len(margins))
+    write_travels_of_parts(s.scales.squares, s.room.displacement, s.scales.part, travels)
+    return not mark_unknown(travels, s.scales.reach, margins, s.room.margins, unknown)
 
 
-@kernel("i8(MechanismStep, f8[::1], f8)")
-def find_nearby(s: MechanismStep, place: Array, margin: float) -> int:
-    """Find the rows at a place within the tolerance and a margin [m]; return a code."""
-    known, room, scales = s.ahead, s.room, s.scales
-    if not are_known(s, place, margin):
-        room.margin[0] = margin + 2.0 * scales.reach
-        within = scales.tolerance + room.margin[0]
-        code = active_rows(s.mechanism, s.constraints, s.q[:0], room.displacement, place, within, known)
+@kernel("void(MechanismStep, f8[::1], f8[::1], b1[::1])")
+def move_parts(s: MechanismStep, place: Array, margins: Array, some: Array) -> None:
+    """Move some parts to a place, in `room.end`, and take their margins."""
+    room, part, moved, every = s.room, s.scales.part, place.copy(), True
+    for p in range(len(some)):
+        every = every and some[p]
+        if some[p]:
+            room.margins[p] = margins[p]
+    if not every:
+        for k in range(len(part)):
+            if not some[part[k]]:
+                room.displacement[k] = 0.0
+        carry(s.mechanism, room.end, room.displacement, moved)
+    for j in range(len(place)):
+        room.end[j] = moved[j]
+
+
+@kernel("i8(MechanismStep)")
+def search_nearby(s: MechanismStep) -> int:
+    """Find the rows at `room.end` within the tolerance, twice the reach and their margins; return a code."""
+    rows, room, scales, most = s.ahead, s.room, s.scales, 0.0
+    margins = room.margins + (2.0 if scales.projects else 0.0) * scales.reach
+    for p in range(len(margins)):
+        most = max(most, margins[p])
+    within = scales.tolerance + most
+    code = active_rows(s.mechanism, s.constraints, s.q[:0], room.displacement, room.end, within, rows)
+    if code != FOUND or len(margins) == 1:
+        return code
+    count, own = rows.size[0], np.empty(rows.size[0])
+    write_largest_of_parts(rows.J, scales.part, margins, own)
+    rows.size[0] = 0
+    for a in range(count):
+        if rows.lever[a] * rows.gap[a] <= scales.tolerance + own[a]:
+            copy_row(rows, a, rows)
+    return code
+
+
+@kernel("i8(MechanismStep, f8[::1], f8[::1])")
+def find_nearby(s: MechanismStep, place: Array, margins: Array) -> int:
+    """Find the rows at a place within the tolerance and their margins, shape (parts,) [m]; return a code."""
+    known, room, unknown = s.ahead, s.room, np.empty(len(margins), np.bool_)
+    if not are_known(s, place, margins, unknown):
+        move_parts(s, place, margins, unknown)
+        code = search_nearby(s)
         if code != FOUND:
             return code
-        for j in range(len(place)):
-            room.end[j] = place[j]
-        for a in range(known.size[0]):
-            room.gap[a] = known.gap[a]
+        known_gaps(s, place)
+    own = np.empty(known.size[0])
+    write_largest_of_parts(known.J, s.scales.part, margins, own)
     for a in range(known.size[0]):
-        room.near[a] = known.lever[a] * room.gap[a] <= scales.tolerance + margin
+        room.near[a] = known.lever[a] * room.gap[a] <= s.scales.tolerance + own[a]
     return FOUND
 
 
@@ -109,7 +147,8 @@ def nearby_rows(s: MechanismStep) -> RowBuffer:
 @kernel("b1(MechanismStep)")
 def may_sink(s: MechanismStep) -> bool:
     """Return whether a gap at the end of the step may be below zero by more than the tolerance."""
-    if not are_known(s, s.q, 0.0):
+    parts = len(s.room.margins)
+    if not are_known(s, s.q, np.zeros(parts), np.empty(parts, np.bool_)):
         return True
     for a in range(s.ahead.size[0]):
         if s.ahead.lever[a] * s.room.gap[a] < -s.scales.tolerance:

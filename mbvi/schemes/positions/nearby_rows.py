@@ -4,19 +4,27 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...compiled import kernel, plain_array
 from ...constraints import Rows
 from ...constraints.rows import take
 from ...problem import Problem
+from ...projection.positions.travel import largest_of_parts, write_travels_of_parts
 from ...projection.row_speeds import times
-from ...system.system import Array
+from ...system.system import Array, independent_parts
 
 # second-order part of a gap that is left out, in lengths of the scene
 SECOND_ORDER = 1e-6
 
 
-def largest_reach(problem: Problem) -> float:
-    """Return the travel up to which gaps count as linear [m]; 0 where the travel of some constraint is not known."""
-    return (2.0 * SECOND_ORDER) ** 0.5 * problem.length if problem.constraints.knows_travel else 0.0
+def linear_reach(problem: Problem, part: Array) -> Array:
+    """Return the travel up to which the gaps of each part count as linear, shape (parts,) [m].
+
+    It is 0 where a constraint does not say how far bodies travel, or where its gaps are not linear. `part` is as of
+    `independent_parts`, shape (nv,).
+    """
+    reach = np.full(part[-1] + 1, (2.0 * SECOND_ORDER) ** 0.5 * problem.length)
+    reach[part[problem.constraints.searched]] = 0.0
+    return reach
 
 
 class NearbyRows:
@@ -24,7 +32,9 @@ class NearbyRows:
 
     The second-order part of a gap is about displacement^2 / (2 length). Up to the displacement `reach` it is at most
     1e-6 of the scene's length, and far below the activation tolerance where bodies come to rest. A search covers a
-    margin, so that rows which come near by such displacements are known too.
+    margin, so that rows which come near by such displacements are known too. Only the mechanisms and free bodies that
+    have moved farther are placed anew by the next search: the rows of the others stay as they are, whatever moves
+    elsewhere.
 
     Parameters
     ----------
@@ -37,12 +47,15 @@ class NearbyRows:
     """
 
     def __init__(self, problem: Problem, t: float, *, linear: bool) -> None:
-        self._problem, self._t = problem, t
-        self._reach = largest_reach(problem) if linear else 0.0
-        # the last search: the rows, where, and their largest gap less the tolerance
+        self._problem, self._t, self._part = problem, t, independent_parts(problem.system)
+        self._still = np.zeros(self._part[-1] + 1)
+        self._reach = linear_reach(problem, self._part) if linear else self._still
+        # the last search: the rows, where, and of each part the margin
         self._rows: Rows | None = None
         self._q: Array | None = None
-        self._margin = 0.0
+        self._margins = self._still
+        # of which parts the rows must be searched again
+        self._renewed: Array = np.zeros(0, bool)
         # which of them the last answer holds, and that answer
         self._near: Array = np.zeros(0, bool)
         self._answer: Rows | None = None
@@ -53,24 +66,45 @@ class NearbyRows:
         assert self._q is not None
         return self._q
 
-    def at(self, q: Array, margin: float = 0.0) -> Rows:
-        """Return the rows at q with a gap of at most the activation tolerance and a margin [m]."""
-        known = self.known_at(q, margin)
-        if known is not None:
-            return known
-        self._q, self._margin = q, margin + 2.0 * self._reach
-        self._rows = self._problem.constraints.active(self._t, q, self._problem.tolerance + self._margin)
-        return self._within(self._rows, margin)
+    def at(self, q: Array, margins: Array | None = None) -> Rows:
+        """Return the rows at q with a gap of at most the activation tolerance and a margin [m].
 
-    def _within(self, rows: Rows, margin: float) -> Rows:
-        levers, tolerance = self._problem.constraints.levers(rows.constraint), self._problem.tolerance
-        self._near = levers * rows.gap <= tolerance + margin
+        `margins`, shape (parts,), are those of mechanisms and free bodies, 0 by default; a row has the larger of its
+        two.
+        """
+        margins = self._still if margins is None else margins
+        if not self._is_known_at(q, margins):
+            self._search(q, margins)
+        return self._within(self.all_at(q), margins)
+
+    def _search(self, q: Array, margins: Array) -> None:
+        system, tolerance = self._problem.system, self._problem.tolerance
+        if self._q is None or self._renewed.all():
+            self._q, self._margins = q, margins
+        else:
+            moved = np.where(self._renewed[self._part], system.difference(self._q, q), 0.0)
+            self._q = system.integrate(self._q, moved)
+            self._margins = np.where(self._renewed, margins, self._margins)
+        margins = self._margins + 2.0 * self._reach
+        rows = self._problem.constraints.active(self._t, self._q, tolerance + margins.max())
+        known = self._are_within(rows, margins)
+        self._rows = rows if known.all() else take(rows, known)
+
+    def _are_within(self, rows: Rows, margins: Array) -> Array:
+        """Return which rows have a gap of at most the activation tolerance and their margin, shape (k,)."""
+        lengths = self._problem.constraints.levers(rows.constraint) * rows.gap - self._problem.tolerance
+        return np.asarray(lengths <= largest_of_parts(rows.jacobian, self._part, margins))
+
+    def _within(self, rows: Rows, margins: Array) -> Rows:
+        self._near = self._are_within(rows, margins)
         self._answer = rows if self._near.all() else take(rows, self._near)
         return self._answer
 
     def all_at(self, q: Array) -> Rows:
         """Return all rows of the last search with their gaps at q to first order."""
         assert self._rows is not None
+        if q is self._q:
+            return self._rows
         displacement = self._problem.system.difference(self.place, q)
         return self._rows._replace(gap=self._rows.gap + times(self._rows.jacobian, displacement))
 
@@ -82,28 +116,47 @@ class NearbyRows:
             self._answer = take(self._answer, some)
         return self._answer
 
-    def known_at(self, q: Array, margin: float = 0.0) -> Rows | None:
-        """Return the same from the last search, with gaps to first order; None if the rows must be searched again."""
-        if self._rows is None:
-            return None
-        gap = self._gaps_at(q, margin)
-        return None if gap is None else self._within(self._rows._replace(gap=gap), margin)
-
     def sinks(self, q: Array) -> bool:
         """Return whether some gap at q may be below zero by more than the tolerance."""
-        gap = self._gaps_at(q, 0.0)
-        if gap is None or self._rows is None:
+        if not self._is_known_at(q, self._still):
             return True
-        lengths = self._problem.constraints.levers(self._rows.constraint) * gap
+        rows = self.all_at(q)
+        lengths = self._problem.constraints.levers(rows.constraint) * rows.gap
         return bool(lengths.min(initial=0.0) < -self._problem.tolerance)
 
-    def _gaps_at(self, q: Array, margin: float) -> Array | None:
-        """Return the gaps of the last search at q to first order; None if the rows must be searched again."""
-        if self._rows is None or self._q is None or self._reach == 0.0:
-            return None
-        displacement = self._problem.system.difference(self._q, q)
-        travel = self._problem.constraints.travel(displacement)
-        if travel > self._reach or margin + travel > self._margin:
-            return None
-        gap: Array = self._rows.gap + times(self._rows.jacobian, displacement)
-        return gap
+    def _is_known_at(self, q: Array, margins: Array) -> bool:
+        """Return whether the last search found all rows at q within the margins, and gaps are linear up to there."""
+        if self._rows is None or self._q is None:
+            return False
+        self._renewed = np.ones(len(margins), bool)
+        if self._reach.any():
+            squares, travels = plain_array(self._problem.constraints.cache.squares), np.empty(len(margins))
+            displacement = plain_array(self._problem.system.difference(self._q, q))
+            write_travels_of_parts(squares, displacement, self._part, travels)
+            mark_unknown(travels, self._reach, margins, self._margins, self._renewed)
+        return not self._renewed.any()
+
+
+@kernel("b1(f8[::1], f8[::1], f8[::1], f8[::1], b1[::1])")
+def mark_unknown(travels: Array, reach: Array, margins: Array, known: Array, unknown: Array) -> bool:
+    """Mark the parts of which a search must find the rows again; return whether there are any.
+
+    Parameters
+    ----------
+    travels : ndarray, shape (parts,)
+        How far bodies have moved since the last search; see `write_travels_of_parts`.
+    reach : ndarray, shape (parts,)
+        Travel up to which gaps are linear [m]; see `linear_reach`.
+    margins, known : ndarray, shape (parts,)
+        The margins that are asked for, and those of the last search, which went 2 reach beyond them [m].
+    unknown : ndarray of bool, shape (parts,)
+        Receives the answer.
+    """
+    some = False
+    # the other body of a contact may have moved as far
+    beyond = 1.0 if len(travels) > 1 else 2.0
+    for p in range(len(travels)):
+        left = known[p] + beyond * reach[p] - margins[p]
+        unknown[p] = not reach[p] > 0.0 or travels[p] > reach[p] or travels[p] > left
+        some = some or unknown[p]
+    return some

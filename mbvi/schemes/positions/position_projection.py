@@ -9,9 +9,9 @@ from ...constraints.rows import concatenate, match_contacts, renewed, take
 from ...errors import ProjectionError
 from ...problem import Problem
 from ...projection import Projector
-from ...projection.positions.travel import MOST_LINEARISATIONS
+from ...projection.positions.travel import MOST_LINEARISATIONS, NEARBY, largest_of_parts, largest_of_rows
 from ...projection.row_speeds import times
-from ...system.system import Array
+from ...system.system import Array, independent_parts
 from ..row_projection import project_rows, slip_rates
 from ..step import Step, advance_gaps, closing_speeds
 from .closed_contacts import Applied, bears_or_sinks, closed_contacts, stays_sunk
@@ -61,13 +61,16 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
     contradict each other, other mechanisms and bodies are projected, and the joint limits. Nothing is where the law
     that follows is not solved. The run records the penetration that stays.
     """
-    system, drift = problem.system, step.t - applied.t
+    system, drift, part = problem.system, step.t - applied.t, independent_parts(problem.system)
     if not _may_sink(problem, step, drift, nearby):
         return _at_end(problem, applied, step)
     count = len(step.active.gap)
     slack = np.zeros(count) if applied.opened is None else applied.opened
     # the rows of the law as they are at the end of the step
-    marks = step.active if applied.ahead is None else applied.ahead
+    marks, bounces = step.active, np.ones(count, bool)
+    if applied.ahead is not None and applied.bouncing is not None:
+        bounces = largest_of_parts(applied.ahead.jacobian, part, applied.bouncing) > 0.0
+        marks = _chosen(bounces, step.active, applied.ahead)
     for _ in range(MOST_LINEARISATIONS):
         rows, closed = step.active, closed_contacts(problem, applied, step)
         if not bears_or_sinks(problem, step, drift):
@@ -81,19 +84,20 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
         sunk = (owner >= 0) & closed[owner] & (lengths < -problem.tolerance)
         sunk |= stays_sunk(problem, applied, before, before.speeds(step.v), before.speeds(applied.v))
         floor = np.where(sunk, 0.0, np.minimum(before.gap, 0.0))
-        # the largest distance by which a closed contact must move out
-        depth = -float(lengths[sunk].min(initial=0.0))
-        if depth <= problem.tolerance:
+        if not (lengths[sunk] < -problem.tolerance).any():
             break
-        if applied.ahead is None:
-            marks = advance_gaps(step, drift).active
+        end = advance_gaps(step, drift).active
+        if bounces.all():
+            marks = end
         else:
             there = nearby.all_at(step.q)
             # what is not found there has the gap that the law leads to
-            marks = marks._replace(gap=advance_gaps(step, drift).active.gap)
-            marks = renewed(marks, there, match_contacts(there, marks))
+            marks = marks._replace(gap=end.gap)
+            marks = _chosen(bounces, end, renewed(marks, there, match_contacts(there, marks)))
         sticking = _sticking(problem, applied, step)
-        sunken = SunkRows(problem, step.q, applied.motion.metric, marks, before, depth, projector, nearby)
+        # of each part the largest distance by which a closed contact must move out
+        depths = largest_of_rows(before.jacobian, part, np.where(sunk, -lengths, 0.0))
+        sunken = SunkRows(problem, step.q, applied.motion.metric, marks, before, NEARBY * depths, projector, nearby)
         projected = least_displacement(sunken, floor, sticking)
         if projected is None and sticking is not None:
             # a body that landed tilted cannot turn about contacts that are all held
@@ -105,17 +109,21 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
         owner = match_contacts(projected.near, marks)
         if (owner >= 0).all():
             marks = marks._replace(gap=marks.gap + times(marks.jacobian, projected.displacement))
-            if applied.ahead is not None:
+            if not bounces.all():
                 there = nearby.all_at(projected.q)
                 same = match_contacts(there, marks)
-                marks.gap[same[same >= 0]] = there.gap[same >= 0]
-            found = problem, applied, step, marks, projected, owner, closed, projector, nearby.place
+                found = (same >= 0) & ~bounces[same]
+                marks.gap[same[found]] = there.gap[found]
             try:
-                return _with_tangent_velocity(*found)
+                return _with_tangent_velocity(
+                    problem, applied, step, marks, projected, owner, closed, projector, nearby.place
+                )
             except ProjectionError:
                 break
         joined = take(projected.near, owner < 0)
         marks = concatenate([marks, joined])
+        bouncing = applied.bouncing if applied.bouncing is not None else np.ones(part[-1] + 1)
+        bounces = np.concatenate([bounces, largest_of_parts(joined.jacobian, part, bouncing) > 0.0])
         rows = concatenate([rows, with_gradients_at(problem, applied.t, applied.q, joined)])
         # a row that was open where the law acts may close by the end of the step: otherwise it would bear load there
         opened = np.zeros(len(joined.gap))
@@ -136,6 +144,12 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
         if drift:
             step = step._replace(q=applied.end(system, step.v, drift)[0])
     return _at_end(problem, applied, step)
+
+
+def _chosen(some: Array, rows: Rows, others: Rows) -> Rows:
+    """Return some of the rows, a mask of shape (k,), and others in the place of the rest."""
+    place = np.arange(len(some))
+    return take(concatenate([rows, others]), np.where(some, place, len(some) + place))
 
 
 def _at_end(problem: Problem, applied: Applied, step: Step) -> Step:

@@ -10,7 +10,7 @@ from ...constraints.mechanism.tables import FOUND, MOST_ROWS, TOO_MANY, RowBuffe
 from ...constraints.tangents import write_along_axes
 from ...projection.dense.orthonormal_rows import inner
 from ...projection.positions.closed_contacts import stays_sunk
-from ...projection.positions.travel import MOST_LINEARISATIONS
+from ...projection.positions.travel import MOST_LINEARISATIONS, NEARBY, write_largest_of_rows
 from ...system.free.free_momentum import keep_momentum_of_rows
 from ...system.mechanisms.mechanism import glide, place
 from ...system.system import Array
@@ -19,7 +19,7 @@ from ..kernels.records import DONE, MechanismStep
 from .bounds_kernel import apply_bounds
 from .closed_kernel import bears_or_sinks, closed_contacts
 from .displacement_kernel import IMPOSSIBLE, Sunk, raise_sunk
-from .free_impulses import start_of_tangent_law
+from .free_impulses import acts_on_free_bodies, start_of_tangent_law
 from .moved_groups import keep_the_rest_of_law
 from .nearby_kernel import copy_rows, find_nearby, known_gaps, match_rows, may_sink, nearby_rows
 
@@ -60,9 +60,9 @@ def sticking_contacts(s: MechanismStep, h: float, sticks: Array) -> bool:
     return some
 
 
-@kernel("f8(MechanismStep, f8[::1], f8, RowBuffer, f8[::1])")
-def write_floor(s: MechanismStep, v: Array, h: float, active: RowBuffer, floor: Array) -> float:
-    """Write the lower bounds of gaps at the end of the step; return how far a closed contact must move out [m].
+@kernel("b1(MechanismStep, f8[::1], f8, RowBuffer, f8[::1], f8[::1])")
+def write_floor(s: MechanismStep, v: Array, h: float, active: RowBuffer, floor: Array, depths: Array) -> bool:
+    """Write the lower bounds of gaps at the end of the step; return whether a closed contact must move out.
 
     Parameters
     ----------
@@ -74,10 +74,10 @@ def write_floor(s: MechanismStep, v: Array, h: float, active: RowBuffer, floor: 
         Length of the step [s].
     active : RowBuffer
         The active rows at the end.
-    floor : ndarray, shape (m,)
-        Receives the bounds.
+    floor, depths : ndarray, shape (m,)
+        Receive the bounds, and how far each row must move out [m].
     """
-    m, tolerance, depth = active.size[0], s.scales.tolerance, 0.0
+    m, tolerance, some = active.size[0], s.scales.tolerance, False
     owner = np.empty(m, np.int64)
     match_rows(active, s.middle, owner)
     for a in range(m):
@@ -87,29 +87,43 @@ def write_floor(s: MechanismStep, v: Array, h: float, active: RowBuffer, floor: 
         sunk = owner[a] >= 0 and s.room.closed[owner[a]] and length < -tolerance
         sunk = sunk or stays_sunk(-length, rise, fall, active.e[a], tolerance)
         floor[a] = 0.0 if sunk else min(active.gap[a], 0.0)
-        depth = max(depth, -length if sunk else 0.0)
-    return depth
+        depths[a] = -length if sunk else 0.0
+        some = some or depths[a] > tolerance
+    return some
 
 
-@kernel("void(MechanismStep, f8, b1)")
-def mark_rows(s: MechanismStep, half: float, bounces: bool) -> None:
+@kernel("b1(MechanismStep, RowBuffer, i8)")
+def may_bounce(s: MechanismStep, rows: RowBuffer, a: int) -> bool:
+    """Return whether row a acts on a part with a contact that may bounce (`room.bouncing`)."""
+    for k in range(len(s.v)):
+        if rows.J[a, k] != 0.0 and s.room.bouncing[s.scales.part[k]] > 0.0:
+            return True
+    return False
+
+
+@kernel("void(MechanismStep, f8)")
+def mark_rows(s: MechanismStep, half: float) -> None:
     """Write what the rows of the law are at the end of the step (`middle`), where they are known.
 
-    `half` is the time from the law to there [s]; `bounces` that of `project_positions`.
+    `half` is the time from the law to there [s].
     """
     rows, marks, known, k, m = s.rows, s.middle, s.ahead, s.rows.size[0], s.ahead.size[0]
-    if bounces:
-        copy_rows(rows, marks)
+    owner, every = np.empty(m, np.int64), True
     for i in range(k):
+        if may_bounce(s, rows, i):
+            marks.size[0] = i
+            copy_row(rows, i, marks)
+        else:
+            every = False
         # what is not found there has the gap that the law leads to
         marks.gap[i] = rows.gap[i] + half * s.rates[2 * k + i]
-    if bounces:
+    marks.size[0] = k
+    if every:
         return
-    owner = np.empty(m, np.int64)
     known_gaps(s, s.q)
     match_rows(known, marks, owner)
     for a in range(m):
-        if owner[a] >= 0:
+        if owner[a] >= 0 and not may_bounce(s, known, a):
             marks.size[0] = owner[a]
             copy_row(known, a, marks)
             marks.gap[owner[a]] = s.room.gap[a]
@@ -152,7 +166,8 @@ def join_law(
     if len(s.bodies.mass) > 0:
         place(s.mechanism, s.room.middle)
         for i in range(k, rows.size[0]):
-            write_gradients(s.mechanism, s.constraints, rows, i)
+            if acts_on_free_bodies(s, rows, i):
+                write_gradients(s.mechanism, s.constraints, rows, i)
     lower = np.empty(rows.size[0])
     for i in range(len(lower)):
         before = inner(rows.J[i], v)
@@ -206,7 +221,8 @@ def follow(s: MechanismStep, v: Array, half: float, sunk: Sunk, near: RowBuffer,
         # all gradients are those at one place
         place(s.mechanism, room.end)
         for i in range(m, k):
-            write_gradients(s.mechanism, s.constraints, there, i)
+            if acts_on_free_bodies(s, there, i):
+                write_gradients(s.mechanism, s.constraints, there, i)
     for i in range(k):
         a, lower[i] = order[i], -there.e[i] * inner(there.J[i], v)
         # a gap that the projection left open may close until the next law: otherwise its body would fall freely; a
@@ -235,23 +251,24 @@ def follow(s: MechanismStep, v: Array, half: float, sunk: Sunk, near: RowBuffer,
     return DONE
 
 
-@kernel("void(MechanismStep, Sunk, b1)")
-def move_marks(s: MechanismStep, sunk: Sunk, bounces: bool) -> None:
-    """Write the gaps of the law's rows after the projection; `bounces` that of `project_positions`."""
-    marks, known, m = s.middle, s.ahead, s.ahead.size[0]
+@kernel("void(MechanismStep, Sunk)")
+def move_marks(s: MechanismStep, sunk: Sunk) -> None:
+    """Write the gaps of the law's rows after the projection."""
+    marks, known, m, every = s.middle, s.ahead, s.ahead.size[0], True
     for i in range(marks.size[0]):
         marks.gap[i] += inner(marks.J[i], sunk.moved)
-    if not bounces:
+        every = every and may_bounce(s, marks, i)
+    if not every:
         owner = np.empty(m, np.int64)
         known_gaps(s, sunk.place)
         match_rows(known, marks, owner)
         for a in range(m):
-            if owner[a] >= 0:
+            if owner[a] >= 0 and not may_bounce(s, known, a):
                 marks.gap[owner[a]] = s.room.gap[a]
 
 
-@kernel("i8(MechanismStep, f8[::1], f8, b1[::1], b1)")
-def project_positions(s: MechanismStep, v: Array, h: float, near: Array, bounces: bool) -> int:
+@kernel("i8(MechanismStep, f8[::1], f8, b1[::1])")
+def project_positions(s: MechanismStep, v: Array, h: float, near: Array) -> int:
     """Project closed contacts out of penetration after a step of `Centered`; return a code.
 
     Parameters
@@ -260,15 +277,14 @@ def project_positions(s: MechanismStep, v: Array, h: float, near: Array, bounces
         With the step before position projection, placed where the law was applied (`room.middle`), with the velocity
         after the law and that at the end (`room.after`), with what `apply_law` leaves in the room, and with all rows
         that are known (see `nearby_kernel`). The gaps of the law's rows are those where it was applied, and
-        `room.opened` has the speeds at which they may close.
+        `room.opened` has the speeds at which they may close. The known rows do not tell the gaps of those that
+        `may_bounce`.
     v : ndarray, shape (nv,)
         The velocity before the law.
     h : float
         Length of the step [s].
     near : ndarray of bool, shape (m,)
         Which of the known rows are those of the law.
-    bounces : bool
-        Whether the known rows do not tell the gaps of the law's rows, because some may bounce.
     """
     rows, marks, room, half, count = s.rows, s.middle, s.room, 0.5 * h, s.rows.size[0]
     if not may_sink(s):
@@ -276,30 +292,29 @@ def project_positions(s: MechanismStep, v: Array, h: float, near: Array, bounces
         take_velocity_of_end(s)
         return DONE
     moved, there, residual, marks.size[0] = np.zeros(len(v)), np.zeros(len(s.q)), np.zeros(1), 0
-    if bounces:
-        copy_rows(rows, marks)
-    else:
-        for a in range(len(near)):
-            if near[a]:
-                copy_row(s.ahead, a, marks)
+    for a in range(len(near)):
+        if near[a]:
+            copy_row(s.ahead, a, marks)
     for _ in range(MOST_LINEARISATIONS):
         code = closed_contacts(s, h, room.closed[: rows.size[0]])
         if code != FOUND:
             return code
         if not bears_or_sinks(s, h):
             break
-        code = find_nearby(s, s.q, 0.0)
+        code = find_nearby(s, s.q, np.zeros(len(room.margins)))
         if code != FOUND:
             return code
         active = nearby_rows(s)
-        floor, sticks = np.empty(active.size[0]), np.empty(rows.size[0], np.bool_)
-        depth = write_floor(s, v, h, active, floor)
-        if depth <= s.scales.tolerance:
+        floor, sticks, margins = np.empty(active.size[0]), np.empty(rows.size[0], np.bool_), np.empty(len(room.margins))
+        depths = np.empty(active.size[0])
+        if not write_floor(s, v, h, active, floor, depths):
             break
-        mark_rows(s, half, bounces)
+        write_largest_of_rows(active.J, s.scales.part, depths, margins)
+        margins *= NEARBY
+        mark_rows(s, half)
         if len(rows.T) == 0 or not sticking_contacts(s, h, sticks):
             sticks = sticks[:0]
-        sunk = Sunk(floor, depth, sticks, moved, there, residual)
+        sunk = Sunk(floor, margins, sticks, moved, there, residual)
         code = raise_sunk(s, active, sunk)
         if code == IMPOSSIBLE:
             break
@@ -311,7 +326,7 @@ def project_positions(s: MechanismStep, v: Array, h: float, near: Array, bounces
         for a in range(len(owner)):
             joins = joins or owner[a] < 0
         if not joins:
-            move_marks(s, sunk, bounces)
+            move_marks(s, sunk)
             code = follow(s, v, half, sunk, found, owner)
             if code != IMPOSSIBLE:
                 return code
