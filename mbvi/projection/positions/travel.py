@@ -99,13 +99,23 @@ def write_largest_of_rows(J: Array, part: Array, values: Array, largest: Array) 
 
 def largest_of_parts(J: Any, part: Array, values: Array) -> Array:
     """Return what `write_largest_of_parts` writes, for rows that may be sparse."""
-    largest, (row, column) = np.zeros(J.shape[0]), J.nonzero()
-    np.maximum.at(largest, row, values[part[column]])
+    largest = np.zeros(J.shape[0])
+    if values.any():
+        row, column = _entries(J)
+        np.maximum.at(largest, row, values[part[column]])
     return largest
 
 
 def largest_of_rows(J: Any, part: Array, values: Array) -> Array:
     """Return what `write_largest_of_rows` writes, for rows that may be sparse."""
-    largest, (row, column) = np.zeros(part[-1] + 1), J.nonzero()
+    largest, (row, column) = np.zeros(part[-1] + 1), _entries(J)
     np.maximum.at(largest, part[column], values[row])
     return largest
+
+
+def _entries(J: Any) -> tuple[Array, Array]:
+    """Return the rows and the columns of entries, faster than `nonzero` of sparse arrays does."""
+    if isinstance(J, np.ndarray):
+        row, column = J.nonzero()
+        return row, column
+    return np.repeat(np.arange(J.shape[0]), np.diff(J.indptr)), J.indices

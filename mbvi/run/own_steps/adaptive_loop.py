@@ -13,10 +13,9 @@ from ...projection import Projector
 from ...results.run_data import Array
 from ...results.trajectory import Trajectory
 from ...schemes import Adaptive, Centered, Step
+from ...schemes.adaptive.cubic import POWERS, cubic
 from ...schemes.adaptive.integrator import AdaptiveIntegrator, Counts, Stop, Stride, Strike
-from ...schemes.event_driven.runge_kutta import DEGREE
 from ...schemes.observer import contacts_of_step
-from ...system import System
 from ..accuracy import residual_note
 from ..fixed_steps.switching import SwitchedRecorder, Switching, switch_connections
 from ..start import initial_step
@@ -26,8 +25,6 @@ from .recorded import recorded
 
 # states for which there is room at first
 _ROOM = 64
-# exponents of the cubics
-_POWERS = np.arange(1, DEGREE + 1)
 # arrays of a recorder that grow
 _COLUMNS = "t", "q", "v", "penetration", "limit_violation", "residual"
 
@@ -71,7 +68,7 @@ class _AdaptiveRecorder(SwitchedRecorder):
         if self.contacts is not None:
             self.contacts.close()
         last = self.count - 1
-        self._cubics.append(_cubic(self.problem.system, t - self.t[last], (self.q[last], self.v[last]), (q, v)))
+        self._cubics.append(cubic(self.problem.system, t - self.t[last], (self.q[last], self.v[last]), (q, v)))
         self.t[k], self.q[k], self.v[k] = t, q, v
         self.count, self._since = k + 1, 0
 
@@ -94,20 +91,6 @@ class _AdaptiveRecorder(SwitchedRecorder):
             new = np.zeros((2 * len(old), *old.shape[1:]))
             new[: len(old)] = old
             setattr(self, name, new)
-
-
-def _cubic(system: System, h: float, begin: tuple[Array, Array], end: tuple[Array, Array]) -> Array:
-    """Return the cubic of q between two states (q, v) a time h apart, with the velocities at both, and of v."""
-    (q0, v0), (q, v), dense = begin, end, np.zeros((2, system.nv, DEGREE))
-    if h <= 0.0:
-        return dense
-    displacement = system.difference(q0, q)
-    last, mean = system.chart_rate(q0, displacement, v), displacement / h
-    dense[0, :, :3] = np.stack([v0, 3.0 * mean - 2.0 * v0 - last, v0 + last - 2.0 * mean], axis=1)
-    # the rate of that cubic; what the chart turns is added evenly
-    dense[1, :, 0] = (2.0 * dense[0, :, 1] + v - last) / h
-    dense[1, :, 1] = 3.0 * dense[0, :, 2] / h
-    return dense
 
 
 def run_adaptive(
@@ -183,10 +166,10 @@ def _stop(switches: LocatedSwitches, problem: Problem, stride: Stride) -> float 
     """Return the time within a step at which connections are switched, None if none are."""
     t0, q0, v0, first, (t, q, v, *_) = stride
     system, h = problem.system, t - t0
-    dense = _cubic(system, h, (q0, v0), (q, v))
+    dense = cubic(system, h, (q0, v0), (q, v))
 
     def at(time: float) -> tuple[Array, Array]:
-        dq, dv = h * (dense @ ((time - t0) / h) ** _POWERS)
+        dq, dv = h * (dense @ ((time - t0) / h) ** POWERS)
         return system.integrate(q0, dq), v0 + dv
 
     return switches.along(t0, t, at, partial(contacts_of_step, stride.second, t - first.t, problem.constraints.name))

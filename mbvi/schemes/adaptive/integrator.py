@@ -21,7 +21,7 @@ from .doubling import Doubled, doubled, held
 from .holding import HoldingCentered
 from .joints import JointSlips
 from .judgement import Verdict, judged
-from .landing import acceleration_at, landing_time, missed_time, stop_time
+from .landing import acceleration_at, flight_time, landing_time, missed_time, stop_time
 from .measure import Measure
 
 # the first step, and the longest [s]
@@ -223,12 +223,16 @@ class AdaptiveIntegrator:
             keeps = verdict.sound and verdict.error <= measure.step
             if shortest:
                 break
-            missed = missed_time(problem, measure, t, q, v, verdict.step, h) if keeps and not verdict.lands else None
+            missed = None
+            if keeps and not verdict.lands:
+                missed = missed_time(problem, measure, t, q, v, verdict.step, h)
+                if missed is None:
+                    missed = flight_time(problem, measure, t, q, v, near.resting, verdict.step, h)
             if keeps and missed is None:
                 break
             self.counts.rejected += 1
             if missed is not None:
-                # the next step ends within the overlap, where it is seen
+                # the next step ends within the overlap or the flight, where it is seen
                 wanted, cut, growth = min(missed, 0.9 * h), False, 1.0
                 continue
             time = self._event(verdict, near, slips, h) if cuts < len(_CUTS) else None
@@ -275,7 +279,7 @@ class AdaptiveIntegrator:
         if self._passed(start, second, h) < 1.0:
             return Verdict(second._replace(t=self.t + h), 0.0, 1.0, True, False)
         problem, measure, least = self._problem, self._measure, self._measure.slides(speed) / self._problem.length
-        verdict = judged(problem, measure, found, near.resting, self.v, self.t + h, speed, self._order)
+        verdict = judged(problem, measure, found, near.resting, self.q, self.v, self.t + h, speed, self._order)
         if slips is None:
             return verdict
         before = partial(acceleration_at, problem, self.t, self.q, self.v, near.resting, h, self._projector)

@@ -7,15 +7,19 @@ from typing import NamedTuple
 import numpy as np
 
 from ...constraints import Rows
+from ...constraints.rows import match_contacts
 from ...problem import Problem
 from ...system.system import Array
 from ..step import Step
 from .closed import returned
+from .cubic import POWERS, cubic
 from .doubling import Doubled, common_contacts, hidden, lands
 from .measure import Measure
 
 # gap beyond the displacement of an extrapolation up to which its contacts are looked for, in activation tolerances
 _NEAR = 100.0
+# share of the error between states, which does not add up from step to step
+_BETWEEN = 0.2
 
 
 class Verdict(NamedTuple):
@@ -54,8 +58,9 @@ class _Better(NamedTuple):
 
 
 def judged(
-    problem: Problem, measure: Measure, found: Doubled, resting: Rows, v: Array, t: float, speed: float, order: int
-) -> Verdict:
+    problem: Problem, measure: Measure, found: Doubled, resting: Rows, q: Array, v: Array, t: float, speed: float,
+    order: int,
+) -> Verdict:  # fmt: skip
     """Return what is known of a step.
 
     Parameters
@@ -64,8 +69,8 @@ def judged(
         The step.
     resting : Rows
         The contacts that were closed and at rest before.
-    v : ndarray, shape (nv,)
-        The velocity before.
+    q, v : ndarray, shapes (nq,) and (nv,)
+        The state before.
     t : float
         Time after the step [s].
     speed : float
@@ -85,8 +90,36 @@ def judged(
         slides = np.hypot(*resting.tangents.slip(v)[:, :2].T) > still
     unseen = [hidden(problem, step, resting, slides, still) for step in found.steps]
     error = max(error, max(one for one, _ in unseen) / (problem.length * max(1.0, speed)))
-    sinks = _sinks(problem, measure, resting, new)
-    return Verdict(new, error, power, landed or sinks, not sinks and not any(turns for _, turns in unseen))
+    error = max(error, _BETWEEN * _error_between(problem, measure, found, (q, v), new))
+    sinks, turns = _sinks(problem, measure, resting, new), any(reverses for _, reverses in unseen)
+    turns = turns or _reverses(problem, measure, resting, v, new, still)
+    return Verdict(new, error, power, landed or sinks, not sinks and not turns)
+
+
+def _error_between(problem: Problem, measure: Measure, found: Doubled, before: tuple[Array, Array], new: Step) -> float:
+    """Return how far the cubic between the states before and after is from the first half, in units of `Measure`.
+
+    A body that leaves a moving wall and lands on it again within the step is where the wall is at the end of each half.
+    """
+    system, h = problem.system, 2.0 * (found.second.t - found.first.t)
+    moved = h * (cubic(system, h, before, (new.q, new.v))[0] @ 0.5**POWERS)
+    return measure.size(system.difference(system.integrate(before[0], moved), found.first.q))
+
+
+def _reverses(problem: Problem, measure: Measure, resting: Rows, v: Array, new: Step, still: float) -> bool:
+    """Return whether a resting contact slips the other way after a step, on walls whose velocity changes in it.
+
+    The law knows the velocities of walls where it acts. `v` is the velocity before, `still` as of `hidden`.
+    """
+    if not problem.constraints.moving or resting.tangents is None or not len(resting.gap):
+        return False
+    there = problem.constraints.active(new.t, new.q, measure.gap)
+    if there.tangents is None or not len(there.gap):
+        return False
+    same = match_contacts(resting, there)
+    before, after = resting.tangents.slip(v)[same >= 0, :2], there.tangents.slip(new.v)[same[same >= 0], :2]
+    fast = np.minimum(np.hypot(*before.T), np.hypot(*after.T)) > still
+    return bool((fast & ((before * after).sum(axis=1) < 0.0)).any())
 
 
 def _extrapolated(

@@ -11,6 +11,7 @@ from ...constraints.rows import match_contacts, take
 from ...errors import ProjectionError
 from ...problem import Problem
 from ...projection import Projector, in_flight
+from ...projection.row_speeds import times
 from ...system.system import Array
 from ..step import Step, law
 from .joints import JointSlips
@@ -70,6 +71,34 @@ def missed_time(problem: Problem, measure: Measure, t: float, q: Array, v: Array
         if found is not None:
             return (k - 1) / parts * h + found
         before, rate = after, later
+    return None
+
+
+def flight_time(
+    problem: Problem, measure: Measure, t: float, q: Array, v: Array, resting: Rows, end: Step, h: float
+) -> float | None:
+    """Return a time within a step at which a moving wall has fallen away from a resting contact, below h [s].
+
+    None without. Bodies that leave a wall and land on it again within a step are on it at its end. At instants between
+    the rate of each gap is that of the wall and of bodies that fall freely.
+    """
+    system, constraints, parts, short = problem.system, problem.constraints, _WALL_PARTS, _SHORT * h
+    if not constraints.moving or not len(resting.gap):
+        return None
+    falls = (system.free_velocity(t, q, v, short) - v) * (h / parts / short)
+    lever, whole, none = constraints.levers(resting.constraint), system.difference(q, end.q), np.zeros(len(v))
+    rise, height, rate = np.zeros(len(resting.gap)), np.zeros(len(resting.gap)), resting.speeds(none)
+    for k in range(1, parts):
+        place = system.integrate(q, k / parts * whole)
+        rows = constraints.active(t + k / parts * h, place, measure.gap + problem.length * measure.size(whole))
+        # owner is -1 where there is none
+        owner = match_contacts(resting, rows) if len(rows.gap) else np.full(len(rate), -1)
+        before, rate = rate, np.append(rows.speeds(none), 0.0)[owner]
+        change = np.append(times(rows.jacobian, falls), 0.0)[owner] + rate - before
+        rise = np.where(owner >= 0, np.maximum(rise + change, 0.0), 0.0)
+        height = np.where(rise > 0.0, height + rise * (h / parts), 0.0)
+        if (lever * height > measure.gap).any():
+            return k / parts * h
     return None
 
 
