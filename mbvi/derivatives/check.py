@@ -160,7 +160,7 @@ class VariedRuns:
             # closed contacts stay so to all orders of the variation, and not to the first one only
             integrator.closed = self.closed
             if integrator.modes is not None and self.still is not None:
-                integrator.modes.choose(self.closed, self.still, np.zeros((len(self.closed), 2)))
+                integrator.modes.choose(self.closed, self.still, np.zeros((len(self.closed), 3)))
             integrator.remove_drift()
             integrator.closed = NO_ROWS
         integrator.rows.friction = (columns.parameters.frictions(len(problem.constraints)) @ columns.by_p) @ (

@@ -266,6 +266,7 @@ def _slips_at(rng):
         T[0, 0].copy(),
         T,
         T[:, :, 0].copy(),
+        np.full((3, 2, 3), np.nan),
     )
 
 

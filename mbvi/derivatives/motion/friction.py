@@ -230,7 +230,7 @@ class FrictionDerivatives:
 
         if not T.any(axis=1).all():
             # a planar motion, whose slip has one direction
-            return np.asarray(self.modes.way[k])
+            return np.asarray(chosen[k])
         angle = float(np.arctan2(chosen[k, 1], chosen[k, 0]))
         other, value = angle + _TURN, turning(angle)
         for _ in range(_MOST_TURNS):
@@ -241,7 +241,7 @@ class FrictionDerivatives:
             if abs(other - angle) < _TURNED:
                 break
         chosen[k] = np.cos(other), np.sin(other)
-        self.modes.way = chosen
+        self.modes.way = np.vecmat(chosen, equations.axes)
         return np.asarray(chosen[k])
 
     def stopped_across(self, t: float, q: Array, v: Array, closed: Array, k: int, X: Array) -> Array:

@@ -108,10 +108,11 @@ def test_tangents_turn_with_their_derivatives(rng):
     kernels = known_rows(system, parts)
     if kernels is not None:
         index = np.arange(len(parts.kind))
-        T, bias = kernels.slips(q, v, index, np.ones(len(index)))
+        T, bias, axes = kernels.slips(q, v, index, np.ones(len(index)))
         there = _tangents(system, q, parts)
         np.testing.assert_allclose(T, there, atol=1e-10 * (1 + np.abs(there).max(initial=0.0)))
         np.testing.assert_allclose(bias, expected, atol=1e-7 * size)
+        np.testing.assert_allclose(axes, axes_of(touching(system, q, parts).normal), atol=1e-12)
 
 
 def _turned_to(axis):

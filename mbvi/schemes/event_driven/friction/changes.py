@@ -46,13 +46,14 @@ def settle(state: MotionState, modes: ContactModes, rest: Array) -> Array:
     kept = np.concatenate([equations.normals.J, equations.T[~slides & (equations.mu > 0.0)].reshape(-1, len(state.v))])
     kept = kept[kept.any(axis=1)]
     state.v = state.v + velocity_change(equations.normals.metric, kept, -(kept @ state.v))
-    found = decide(modes.equations(state.t, state.q, state.v, rest), slides)
+    equations = modes.equations(state.t, state.q, state.v, rest)
+    found = decide(equations, slides)
     modes.stopped, modes.undecided = -1, found is None
     if found is None:
-        modes.choose(rest, np.zeros(len(rest), bool), np.zeros((len(rest), 2)))
+        modes.choose(rest, np.zeros(len(rest), bool), np.zeros((len(rest), 3)))
         return rest
     closed = found.closed | (found.opening <= STAYS)
-    modes.choose(rest[closed], found.sticks[closed], found.way[closed])
+    modes.choose(rest[closed], found.sticks[closed], np.vecmat(found.way, equations.axes)[closed])
     return rest[closed]
 
 

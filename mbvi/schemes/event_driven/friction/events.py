@@ -57,7 +57,7 @@ def _margins(modes: ContactModes, t: float, q: Array, v: Array, closed: Array) -
     below = np.ones(len(closed))
     edge = (equations.mu * (found.normal + margin) + margin) ** 2 - (found.tangential**2).sum(axis=1)
     below[modes.sticks] = edge[modes.sticks]
-    slips = np.where(~modes.sticks & rough, np.vecdot(equations.slip, modes.way), 1.0)
+    slips = np.where(~modes.sticks & rough, np.vecdot(equations.slip, modes.kept_way(equations)), 1.0)
     return np.concatenate([found.normal + margin, below, slips])
 
 

@@ -58,6 +58,8 @@ class ModeEquations(NamedTuple):
         Size of a slip that counts as none [m/s].
     along : ndarray, shape (k, 2)
         The values of T a that keep the slip constant.
+    axes : ndarray, shape (k, 2, 3)
+        The tangents in the world.
     """
 
     normals: ContactEquations
@@ -66,6 +68,7 @@ class ModeEquations(NamedTuple):
     slip: Array
     still: Array
     along: Array
+    axes: Array
 
     def forces(self, sticks: Array, way: Array) -> ModeForces:
         """Return accelerations and forces where some contacts stick and others slip in a direction, shape (k, 2).
@@ -131,8 +134,9 @@ class ContactModes:
         The closed rows.
     sticks : ndarray of bool, shape (k,)
         Which of them stick.
-    way : ndarray, shape (k, 2)
-        Of the others the direction of slip at the start of the step: a unit vector along the tangents.
+    way : ndarray, shape (k, 3)
+        Of the others the direction of slip at the start of the step: a unit vector in the world, because tangents turn
+        about the normal as that turns, and even jump.
     stopped : int
         The closed row whose slip vanishes at the end of the last step, as an index of `index`; -1 if none does.
     undecided : bool
@@ -142,7 +146,7 @@ class ContactModes:
     def __init__(self, flow: Flow, rows: SmoothRows, slow: float, faint: float = 0.0) -> None:
         self._flow, self._rows, self._slow, self._faint, self.system = flow, rows, slow, faint, flow.system
         self.stopped, self.undecided = -1, False
-        self.choose(np.zeros(0, np.int64), np.zeros(0, bool), np.zeros((0, 2)))
+        self.choose(np.zeros(0, np.int64), np.zeros(0, bool), np.zeros((0, 3)))
 
     def choose(self, index: Array, sticks: Array, way: Array) -> None:
         """Set the modes of closed rows."""
@@ -151,23 +155,29 @@ class ContactModes:
     def equations(self, t: float, q: Array, v: Array, closed: Array) -> ModeEquations:
         """Return what decides on the accelerations of closed rows."""
         normals = self._flow.contact_equations(t, q, v, closed)
-        T, bias, mu = self._rows.slips(t, q, v, closed)
+        T, bias, axes, mu = self._rows.slips(t, q, v, closed)
         still = STILL * (np.abs(T) @ np.abs(v)).sum(axis=1) + self._slow
-        return ModeEquations(normals, T, mu, T @ v, still, -bias)
+        return ModeEquations(normals, T, mu, T @ v, still, -bias, axes)
 
     def directions(self, equations: ModeEquations) -> Array:
         """Return the directions of slip, shape (k, 2): those at the start of the step, turned with the slip.
 
         Beyond a stop they are those before it, so that the motion can be followed smoothly to the stop.
         """
-        size = np.linalg.norm(equations.slip, axis=1)
-        moves = self._turns(equations, size)
-        way = np.where(moves[:, None], equations.slip / np.where(moves, size, 1.0)[:, None], self.way)
-        return np.where((np.vecdot(way, self.way) < 0.0)[:, None], -way, way)
+        size, kept = np.linalg.norm(equations.slip, axis=1), self.kept_way(equations)
+        moves = self._turns(equations, size, kept)
+        way = np.where(moves[:, None], equations.slip / np.where(moves, size, 1.0)[:, None], kept)
+        return np.where((np.vecdot(way, kept) < 0.0)[:, None], -way, way)
 
-    def _turns(self, equations: ModeEquations, size: Array) -> Array:
-        """Return which slips, of sizes of shape (k,), have directions of their own."""
-        along = np.vecdot(equations.slip, self.way)[:, None] * self.way
+    def kept_way(self, equations: ModeEquations) -> Array:
+        """Return the directions at the start of the step along the present tangents, shape (k, 2)."""
+        kept = np.matvec(equations.axes, self.way)
+        size = np.linalg.norm(kept, axis=1, keepdims=True)
+        return kept / np.where(size > 0.0, size, 1.0)
+
+    def _turns(self, equations: ModeEquations, size: Array, kept: Array) -> Array:
+        """Return which slips, of sizes of shape (k,), have directions of their own, and not those that are kept."""
+        along = np.vecdot(equations.slip, kept)[:, None] * kept
         return (size > equations.still) & (np.linalg.norm(equations.slip - along, axis=1) > self._faint)
 
     def forces(self, t: float, q: Array, v: Array, closed: Array) -> tuple[ModeEquations, ModeForces]:
@@ -187,7 +197,8 @@ class ContactModes:
     def slip_and_rate(self, closed: Array, t: float, q: Array, v: Array) -> tuple[float, float, float]:
         """Return the slip of the row that stops, along its direction, the rate of that, and its rounding."""
         equations, found = self.forces(t, q, v, closed)
-        way, k = self.way[self.stopped], self.stopped
+        k = self.stopped
+        way = self.kept_way(equations)[k]
         rate = way @ (equations.T[k] @ found.acceleration - equations.along[k])
         return float(way @ equations.slip[k]), float(rate), float(equations.still[k])
 
@@ -217,6 +228,6 @@ class ContactModes:
             return not self.undecided
         equations, found = self.forces(t, q, v, closed)
         size = np.linalg.norm(equations.slip, axis=1)
-        moves = ~self.sticks & self._turns(equations, size)
-        self.way[moves] = equations.slip[moves] / size[moves, None]
+        moves = ~self.sticks & self._turns(equations, size, self.kept_way(equations))
+        self.way[moves] = np.vecmat(equations.slip[moves] / size[moves, None], equations.axes[moves])
         return found.unique

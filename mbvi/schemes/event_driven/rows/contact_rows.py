@@ -249,8 +249,11 @@ class SmoothRows:
             return tangents
         return tangents._replace(friction=tangents.friction + self.friction[rows.constraint])
 
-    def slips(self, t: float, q: Array, v: Array, index: Array) -> tuple[Array, Array, Array]:
-        """Return tangents T of some rows in ascending order, shape (k, 2, nv), mu, and (dT/dt) v, shape (k, 2)."""
+    def slips(self, t: float, q: Array, v: Array, index: Array) -> tuple[Array, Array, Array, Array]:
+        """Return tangents T of some rows, shape (k, 2, nv), (dT/dt) v, shape (k, 2), their axes, (k, 2, 3), and mu.
+
+        The rows ascend.
+        """
         if (kernels := self._kernels_of(index)) is not None:
             mu = self._coefficients[self.number[index]]
             if self.friction is not None:
@@ -265,7 +268,8 @@ class SmoothRows:
             rest = index[unknown]
             moved = self._difference(lambda place: np.asarray(self.tangents(t, place, rest).jacobian), q, v)
             bias[unknown] = moved.reshape(-1, 2)
-        return np.asarray(tangents.jacobian).reshape(len(index), 2, self._system.nv), bias, tangents.friction
+        T = np.asarray(tangents.jacobian).reshape(len(index), 2, self._system.nv)
+        return T, bias, tangents.axes, tangents.friction
 
     @cached_property
     def _coefficients(self) -> Array:

@@ -63,14 +63,17 @@ def points_at(m: Mechanism, rows: RowParts, room: RowRoom, index: Array, q: Arra
         touch(rows.kind[r], rows.parts[r], rows.radius[r], places[0], places[1], room.along, point[i], normal[i])
 
 
-@kernel("void(Mechanism, RowParts, RowRoom, i8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:,:,::1], f8[:,::1])")
+@kernel(
+    "void(Mechanism, RowParts, RowRoom, i8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:,:,::1], f8[:,::1],"
+    " f8[:,:,::1])"
+)
 def slips_at(
     m: Mechanism, rows: RowParts, room: RowRoom, index: Array, mu: Array, q: Array, v: Array, J: Array, T: Array,
-    bias: Array,
+    bias: Array, axes: Array,
 ) -> None:  # fmt: skip
-    """Write tangents T and (dT/dt) v of some of the rows at q and v, shapes (k, 2, nv) and (k, 2); 0 where mu is 0.
+    """Write tangents T, (dT/dt) v and axes of some of the rows at q and v; 0 where mu is 0.
 
-    `J`, shape (nv,), is room.
+    Their shapes are (k, 2, nv), (k, 2) and (k, 2, 3). `J`, shape (nv,), is room.
     """
     weigh(m, q)
     evaluate_nonlinear_effects(m, q, v)
@@ -79,11 +82,16 @@ def slips_at(
         if mu[i] > 0.0 and rows.kind[r] != LIMIT:
             write_row(m, rows.kind[r], rows.sides[r], rows.parts[r], rows.radius[r], room, J)
             write_slip(m, rows.kind[r], rows.sides[r], rows.radius[r], rows.shift[r], room, T[i], bias[i])
+            for c in range(2):
+                for k in range(3):
+                    axes[i, c, k] = room.axes[c, k]
         else:
             for c in range(2):
                 bias[i, c] = 0.0
                 for k in range(len(J)):
                     T[i, c, k] = 0.0
+                for k in range(3):
+                    axes[i, c, k] = 0.0
 
 
 class KnownRows:
@@ -140,12 +148,16 @@ class KnownRows:
         points_at(self.mechanism, self.parts, self._room, index, plain_array(q), point, normal)
         return point, normal
 
-    def slips(self, q: Array, v: Array, index: Array, mu: Array) -> tuple[Array, Array]:
-        """Return tangents T and (dT/dt) v of some rows at q and v, shapes (k, 2, nv) and (k, 2); 0 where mu is 0."""
-        T, bias = np.empty((len(index), 2, self._nv)), np.empty((len(index), 2))
+    def slips(self, q: Array, v: Array, index: Array, mu: Array) -> tuple[Array, Array, Array]:
+        """Return tangents T, (dT/dt) v and axes of some rows at q and v; 0 where mu is 0.
+
+        Their shapes are (k, 2, nv), (k, 2) and (k, 2, 3).
+        """
+        T, bias, axes = (np.empty((len(index), 2, *last)) for last in ((self._nv,), (), (3,)))
         room = np.empty(self._nv)
-        slips_at(self.mechanism, self.parts, self._room, index, mu, plain_array(q), plain_array(v), room, T, bias)
-        return T, bias
+        state = plain_array(q), plain_array(v)
+        slips_at(self.mechanism, self.parts, self._room, index, mu, *state, room, T, bias, axes)
+        return T, bias, axes
 
     def biases(self, q: Array, v: Array, index: Array) -> Array:
         """Return (dJ/dt) v of some rows at q and v, shape (k,)."""
