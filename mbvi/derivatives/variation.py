@@ -128,7 +128,7 @@ class Variation:
         rows = integrator.rows
         jumping = np.flatnonzero(~rows.smooth & np.isin(rows.number, event.number))
         if jumping.size:
-            self._refuse("the gradients of polyhedra jump there", jumping, event.t)
+            self._refuse("the gradients of these shapes jump there", jumping, event.t)
         # only rounding tells a gap that closes here from one that closed with those of the last impact
         struck = integrator.event_rows
         others = ~np.isin(struck, self._last_impact[1])

@@ -108,15 +108,17 @@ def _percussions(run: RunData, bare: System, state: State, place: Place) -> Arra
     if step is None:
         return np.full(6 if isinstance(place.equality, PointRows) else 1, np.nan)
     if isinstance(run.record.scheme, Centered):
-        at = system.force_velocity(t, q, state.before, 0.5 * h)
-        motion, held = (one.centered_motion(t, q, state.before, h, at) for one in (bare, system))
+        # the velocities in the middle, where the law acts: what bodies turn on the way is no reaction
+        before, after = system.coast(state.before, 0.5 * h)[1], system.coast(step.v, -0.5 * h)[1]
+        at = system.force_velocity(t, q, before, 0.5 * h)
+        motion, held = (one.centered_motion(t, q, before, h, at) for one in (bare, system))
         share = 0.5
     else:
         motion, held = (one.free_motion(t, q, state.before, h) for one in (bare, system))
-        share = 1.0
+        after, share = step.v, 1.0
     # damping acts on the velocities that keep the equalities; with `Centered` to order 2
     damped = share * h * system.damping_force(q, held.free - motion.free)
-    reaction = damped + bare.metric(q).apply(step.v - motion.free) - _of_contacts(step)
+    reaction = damped + bare.metric(q).apply(after - motion.free) - _of_contacts(step)
     part = place.system
     nq, nv = part.nq, part.nv
     own = q[place.q : place.q + nq]

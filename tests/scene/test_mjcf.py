@@ -273,7 +273,7 @@ def test_files_that_are_no_model_are_refused(text, said, tmp_path):
     file = tmp_path / "x.xml"
     if text is not None:
         file.write_text(text)
-    with pytest.raises(mbvi.MbviError, match=said):
+    with pytest.raises(mbvi.MjcfError, match=said):
         mbvi.Scene().add_mjcf(file)
 
 

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from ...problem import Problem
     from ...projection import Metric
     from ...schemes import Scheme, Step
+    from ...schemes.scheme import Timing
 
 # most single impacts followed at one instant
 _MOST_IMPACTS = 2_000
@@ -223,18 +224,24 @@ def _states(run: RunData) -> Iterator[State]:
         t, q, v, end = float(run.t[i - 1]), run.q[i - 1], run.v[i - 1], float(run.t[i])
         while scheme is not None and end - t > (1.0 + _INSTANT) * run.step:
             step = scheme.step(problem, t, q, v, run.step, projector)
-            acted = problem.system.integrate(q, jump * run.step * v) if again else step.q
+            acted = _at_law(problem, run.record.timing, q, v, run.step) if again else step.q
             yield State(step.t, acted, v, step.v, run.step, step if again else None, partial(_as_it_is, step))
             if observe is not None:
                 observe(step, run.step)
             t, q, v = step.t, step.q, step.v
         h = end - t
-        acted = problem.system.integrate(q, jump * h * v) if jump < 1.0 or again else run.q[i]
+        acted = _at_law(problem, run.record.timing, q, v, h) if jump < 1.0 or again else run.q[i]
         take = None if scheme is None else partial(_taken, scheme, problem, t, q, v, h, projector)
         last = take() if again and take is not None else None
         yield State(end, acted, v, run.v[i], h, last, take if last is None else partial(_as_it_is, last))
         if observe is not None and last is not None:
             observe(last, h)
+
+
+def _at_law(problem: Problem, timing: Timing, q: Array, v: Array, h: float) -> Array:
+    """Return where a step of length h applies the law, shape (nq,)."""
+    time = timing.jump * h
+    return problem.system.integrate(q, problem.system.coast(v, time)[0] if timing.coasts else time * v)
 
 
 def _as_it_is(step: Step) -> Step:

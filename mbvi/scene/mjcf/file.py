@@ -40,7 +40,7 @@ def compiled_model(file: Path) -> tuple[Any, str]:
     MjcfError
         If there is no such file, it is no MJCF, or MuJoCo refuses it.
     """
-    _, root = read_xml(file)
+    _, root = read_xml(file, MjcfError)
     if root.tag == "robot":
         raise MjcfError(f"{file} is a URDF: use add_urdf")
     if root.tag != "mujoco":
@@ -60,7 +60,7 @@ def compiled_model(file: Path) -> tuple[Any, str]:
 
 def mjcf_name(file: Path) -> str:
     """Return the name that a MJCF gives its model, or else that of the file."""
-    _, root = read_xml(file)
+    _, root = read_xml(file, MjcfError)
     return root.get("model") or file.stem
 
 

@@ -14,7 +14,7 @@ import pinocchio as pin
 from scipy.linalg import lapack
 
 from ...arguments import LARGEST, SMALLEST, Array, not_found, shown
-from ...errors import InputError, UrdfError
+from ...errors import InputError, MjcfError, UrdfError
 
 # largest relative violation of A + B >= C by principal moments, because URDFs hold rounded numbers
 _TRIANGLE = 1e-3
@@ -43,16 +43,17 @@ _LENGTHS = ("box", "sphere", "cylinder", "capsule")
 _ENCODING = re.compile(rb"""<\?xml[^>]*?encoding\s*=\s*["']([A-Za-z0-9._-]+)["']""")
 
 
-def read_xml(file: Path) -> tuple[str, ElementTree.Element]:
+def read_xml(file: Path, refused: type[UrdfError | MjcfError] = UrdfError) -> tuple[str, ElementTree.Element]:
     """Return the text of an XML file and its root element.
 
     Raises
     ------
-    UrdfError
-        If there is no such file, it cannot be read, or it is no XML.
+    UrdfError or MjcfError
+        That of the argument `refused`: if there is no such file, it cannot be read, or it is no XML.
     """
     if not os.path.isfile(file):
-        raise UrdfError(f"{file} is a folder, not a URDF" if os.path.isdir(file) else not_found(file))
+        kind = "a URDF" if refused is UrdfError else "an MJCF"
+        raise refused(f"{file} is a folder, not {kind}" if os.path.isdir(file) else not_found(file))
     try:
         data = file.read_bytes()
         declared = _ENCODING.match(data.lstrip()[:200])
@@ -61,14 +62,14 @@ def read_xml(file: Path) -> tuple[str, ElementTree.Element]:
         else:
             text = data.decode(declared[1].decode() if declared else "utf-8-sig")
     except OSError as error:
-        raise UrdfError(f"{file} cannot be read: {error.strerror or error}") from error
+        raise refused(f"{file} cannot be read: {error.strerror or error}") from error
     except (UnicodeError, LookupError) as error:
-        raise UrdfError(f"{file} is no text in the encoding that it declares, UTF-8 if none: {error}") from error
+        raise refused(f"{file} is no text in the encoding that it declares, UTF-8 if none: {error}") from error
     try:
         return text, ElementTree.fromstring(data)
     # for unknown encodings the parser raises other errors
     except (ElementTree.ParseError, ValueError, LookupError) as error:
-        raise UrdfError(f"{file} is no XML: {error}") from error
+        raise refused(f"{file} is no XML: {error}") from error
 
 
 def check_numbers(root: ElementTree.Element, file: Path) -> None:
