@@ -11,9 +11,9 @@ from ..constraints.rows import concatenate, take
 from ..errors import UnsuitableError
 from ..problem import Problem
 from ..projection import Projector
-from ..system import Spheres, System, independent_parts, located_parts
+from ..system import Spheres
 from ..system.system import Array
-from .kernels.stewart_trinkle import RETRY_DEPTH, mark_within_reach, stewart_trinkle_step
+from .kernels.stewart_trinkle import RETRY_DEPTH, stewart_trinkle_step
 from .positions.end_repair import near_rows, repair
 from .positions.open_gaps import bouncing_velocities, displacing_velocity, open_gaps
 from .row_projection import RowProjection, slip_rates
@@ -44,7 +44,7 @@ class StewartTrinkle(Scheme):
     never raises the kinetic energy. At e = 0 an impact ends on the constraint instead of up to h |v-| inside, because
     it is spread over two steps: the first closes the gap, the second removes the remaining velocity. The record holds
     the first and its part of the percussion. At e > 0 an impact comes up to a step early, and leaves a gap. The reach
-    is twice the displacement of the fastest body among those that rows within reach connect.
+    is twice the displacement of the fastest body.
 
     Between spheres and half-spaces no gap gets smaller than its linearisation, so that only the residual of the
     projection penetrates. Elsewhere gradients change within a step. A contact of a pair that was out of reach then gets
@@ -79,7 +79,9 @@ class StewartTrinkle(Scheme):
         lengths = system.are_lengths()
         projector.begin(v[lengths], free_motion.free[lengths])
         # rows to walls with a prescribed motion are linearised in the middle of the step
-        rows = _at_earlier_time(_rows_within_reach(problem, t + 0.5 * h, q, h * free_motion.free), 0.5 * h)
+        rows = _at_earlier_time(
+            problem.constraints.active(t + 0.5 * h, q, _reach(problem, q, h * free_motion.free)), 0.5 * h
+        )
         # gradients of many turning bodies change within a step: contacts are then linearised again at its end
         turning = not isinstance(rows.jacobian, np.ndarray) and not lengths.all()
         allowed = RETRY_DEPTH * problem.length if projector.accepted is None else projector.accepted.depth
@@ -171,41 +173,17 @@ def _deeper_gaps(gap: Array, rows: Rows, at_end: Rows) -> Array:
     return gap
 
 
-def _rows_within_reach(problem: Problem, t: float, q: Array, displacement: Array) -> Rows:
-    """Return the rows at (t, q) that a displacement, shape (nv,), may close; see `mark_within_reach`."""
-    part = independent_parts(problem.system)
-    reach = _reach(problem, q, displacement, part)
-    rows = problem.constraints.active(t, q, float(reach.max()))
-    if len(reach) == 1:
-        return rows
-    (row, column), lengths = rows.jacobian.nonzero(), -_depths(problem, rows)
-    within = np.empty(len(lengths), bool)
-    mark_within_reach(row.astype(np.int64), part[column], lengths, reach, within)
-    return rows if within.all() else take(rows, within)
-
-
-def _reach(problem: Problem, q: Array, displacement: Array, part: Array) -> Array:
-    """Return of each part twice the largest displacement of a body; infinity where the system names no bodies."""
-    system, reach = problem.system, np.zeros(part[-1] + 1)
+def _reach(problem: Problem, q: Array, displacement: Array) -> float:
+    """Return twice the largest displacement of a body, or infinity where the system names no bodies."""
+    system = problem.system
     bodies = np.arange(1, len(system.bodies))
     if not bodies.size:
-        return np.full(len(reach), np.inf)
+        return np.inf
     if isinstance(system, Spheres):
-        far = np.sqrt((displacement.reshape(len(bodies), -1) ** 2).sum(axis=1))
-    else:
-        shift = system.placements(system.integrate(q, displacement), bodies) - system.placements(q, bodies)
-        # a turn moves a point of a body by at most the change of its rotation matrix times the scene's length
-        turned = np.sqrt((shift[:, :3] ** 2).sum(axis=(1, 2)))
-        far = np.sqrt((shift[:, 3] ** 2).sum(axis=1)) + problem.length * turned
-    np.maximum.at(reach, part[_velocities_of_bodies(system)], far)
-    return 2.0 * reach + problem.tolerance
-
-
-def _velocities_of_bodies(system: System) -> Array:
-    """Return of each body the first velocity of the mechanism or free body that it belongs to, 0 where it has none."""
-    first = []
-    for one, _, v, _ in located_parts(system):
-        count, width = len(one.bodies) - 1, one.nv // one.independent_bodies
-        each = np.arange(count) if one.independent_bodies == count else np.zeros(count, int)
-        first.append(v + width * each if width else each)
-    return np.concatenate(first)
+        apart = displacement.reshape(len(bodies), -1)
+        return 2.0 * float(np.sqrt((apart**2).sum(axis=1).max())) + problem.tolerance
+    shift = system.placements(system.integrate(q, displacement), bodies) - system.placements(q, bodies)
+    # a turn moves a point of a body by at most the change of its rotation matrix times the scene's length
+    turned = np.sqrt((shift[:, :3] ** 2).sum(axis=(1, 2)))
+    far = np.sqrt((shift[:, 3] ** 2).sum(axis=1)) + problem.length * turned
+    return 2.0 * float(far.max()) + problem.tolerance

@@ -11,8 +11,7 @@ from support.paths import ROBOTS
 
 H, EDGE = 2e-3, 0.2
 SCHEMES = [
-    mbvi.Centered(project_positions=True), mbvi.Centered(), mbvi.StewartTrinkle(), mbvi.MoreauJean(),
-    mbvi.Paoli(project_positions=True),
+    mbvi.Centered(project_positions=True), mbvi.Centered(), mbvi.MoreauJean(), mbvi.Paoli(project_positions=True),
 ]  # fmt: skip
 
 
@@ -95,7 +94,7 @@ def test_each_step_is_that_of_each_part_alone(scheme, e, friction):
 
 
 @pytest.mark.parametrize("e", [0.0, 0.5])
-@pytest.mark.parametrize("scheme", SCHEMES[:3], ids=str)
+@pytest.mark.parametrize("scheme", SCHEMES[:2], ids=str)
 def test_a_run_in_kernels_is_that_of_each_part_alone(scheme, e):
     """As far as rounding has not grown."""
     together = mbvi.simulate(build(PARTS, e, 0.5, seed=2), scheme, step=H, duration=20 * H)

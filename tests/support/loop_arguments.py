@@ -468,7 +468,7 @@ CALLS = {
     **{
         name: [(PILES, hopper, BOUNCY, 30), (PILES, swaying, ROUGH, 50), (PILES, swaying, MIXED, 9)]
         for name in (
-            "write_reach", "find_within_reach", "write_bounds", "project_bounds", "depth_of_residual",
+            "reach_of", "write_bounds", "project_bounds", "depth_of_residual",
             "displacing_velocity", "write_rates", "lower_to_the_end",
         )
     },

@@ -40,12 +40,6 @@ def write_largest_of_rows(rng):
     return J, part, rng.random(len(J)), np.ones(6)
 
 
-def mark_within_reach(rng):
-    J, part = _rows_of_parts(rng)
-    row, column = np.nonzero(J)
-    return row, part[column], rng.random(len(J)), 0.5 * rng.random(6), np.ones(len(J), bool)
-
-
 def find_moved_groups(rng):
     """Six parts of two velocities, connected by some rows."""
     k, part = int(rng.integers(0, 7)), np.repeat(np.arange(6), 2)
@@ -69,6 +63,6 @@ def write_along_axes(rng):
 
 GIVEN = (
     write_travels_of_parts, write_bends, write_margins, mark_unknown, write_largest_of_parts, write_largest_of_rows,
-    mark_within_reach, find_moved_groups, restore_columns, write_along_axes,
+    find_moved_groups, restore_columns, write_along_axes,
 )  # fmt: skip
 SETTLE_ARGUMENTS = {kernel.__name__: kernel for kernel in GIVEN}

@@ -10,6 +10,7 @@ from ...arguments import all_finite
 from ...errors import DivergedError
 from ...geometry.motion import Motion
 from ...system import System
+from ...system.system import Part
 from ..family import ConstraintFamily
 from ..rotations import rotation_rows
 from ..rows import Array, Rows
@@ -66,6 +67,10 @@ class MovingFrame:
     def reach(self, body: int, centre: Array, radius: float) -> Array:
         """Return the most that each velocity moves a point of a body; see `System`."""
         return self._system.reach(body, centre, radius)
+
+    def located_parts(self) -> list[Part]:
+        """Return what the system consists of; see `System`."""
+        return self._system.located_parts()
 
     def world(self, point: Array, normal: Array) -> tuple[Array, Array]:
         """Return points and normals in the world from those in the frame, shapes (k, 3)."""

@@ -6,7 +6,7 @@ import numpy as np
 
 from ...compiled import kernel
 from ...constraints.mechanism.rows import active_rows
-from ...constraints.mechanism.tables import FOUND, copy_row
+from ...constraints.mechanism.tables import FOUND
 from ...projection.row_speeds import row_speeds
 from ...projection.tree import factor
 from ...system.mechanisms.mechanism import carry, place
@@ -20,81 +20,22 @@ from .stewart_trinkle_velocity import displacing_velocity, project_bounds
 RETRY_DEPTH = 1e-3
 
 
-@kernel("void(i8[::1], i8[::1], f8[::1], f8[::1], b1[::1])")
-def mark_within_reach(row: Array, of: Array, length: Array, reach: Array, within: Array) -> None:
-    """Mark the rows that parts may close: those with a gap of at most the reach of one of their parts.
-
-    A row within reach connects its parts, and both then have the larger reach: one may push the other as far.
-
-    Parameters
-    ----------
-    row, of : ndarray of int
-        Pairs of a row and a part that it acts on.
-    length : ndarray, shape (k,)
-        Gaps [m].
-    reach : ndarray, shape (parts,)
-        How far each part reaches by itself [m]. Receives how far it does with those that it is connected with.
-    within : ndarray of bool, shape (k,)
-        Receives the mask.
-    """
-    own, spreads = np.zeros(len(length)), True
-    while spreads:
-        spreads = False
-        for j in range(len(row)):
-            own[row[j]] = max(own[row[j]], reach[of[j]])
-        for j in range(len(row)):
-            a = row[j]
-            if length[a] <= own[a] and reach[of[j]] < own[a]:
-                reach[of[j]], spreads = own[a], True
-    for a in range(len(length)):
-        within[a] = length[a] <= own[a]
-
-
-@kernel("void(MechanismStep, f8[::1], f8[::1], f8[::1])")
-def write_reach(s: MechanismStep, q: Array, displacement: Array, reach: Array) -> None:
-    """Write how far each part reaches [m], as `StewartTrinkle` does; place the mechanism at q."""
-    m, part = s.mechanism, s.scales.part
+@kernel("f8(MechanismStep, f8[::1], f8[::1])")
+def reach_of(s: MechanismStep, q: Array, displacement: Array) -> float:
+    """Return twice the largest displacement of a body [m], as `StewartTrinkle` does; place the mechanism at q."""
+    m, most = s.mechanism, 0.0
     retract(m.calls, q, displacement, s.room.end)
     place(m, s.room.end)
     end = m.poses.copy()
     place(m, q)
-    reach[:] = s.scales.tolerance
     for body in range(1, len(end)):
         turned = moved = 0.0
         for c in range(3):
             for r in range(3):
                 turned += (end[body, r, c] - m.poses[body, r, c]) ** 2
             moved += (end[body, 3, c] - m.poses[body, 3, c]) ** 2
-        far = 2.0 * (np.sqrt(moved) + s.scales.length * np.sqrt(turned)) + s.scales.tolerance
-        for k in range(len(part)):
-            if m.support[body, k] != 0.0:
-                reach[part[k]] = max(reach[part[k]], far)
-
-
-@kernel("i8(MechanismStep, f8[::1], f8[::1])")
-def find_within_reach(s: MechanismStep, q: Array, displacement: Array) -> int:
-    """Find the rows at q that a displacement, shape (nv,), may close; return a code."""
-    rows, part, most, count = s.rows, s.scales.part, 0.0, 0
-    reach = np.empty(len(s.room.margins))
-    write_reach(s, q, displacement, reach)
-    for p in range(len(reach)):
-        most = max(most, reach[p])
-    code = active_rows(s.mechanism, s.constraints, q[:0], displacement, q, most, rows)
-    if code != FOUND or len(reach) == 1:
-        return code
-    k, n = rows.size[0], len(part)
-    row, of, within = np.empty(k * n, np.int64), np.empty(k * n, np.int64), np.empty(k, np.bool_)
-    for a in range(k):
-        for j in range(n):
-            if rows.J[a, j] != 0.0:
-                row[count], of[count] = a, part[j]
-                count += 1
-    mark_within_reach(row[:count], of[:count], rows.lever[:k] * rows.gap[:k], reach, within)
-    rows.size[0] = 0
-    for a in range(k):
-        if within[a]:
-            copy_row(rows, a, rows)
-    return FOUND
+        most = max(most, np.sqrt(moved) + s.scales.length * np.sqrt(turned))
+    return 2.0 * most + s.scales.tolerance
 
 
 @kernel("b1(MechanismStep, f8[::1])")
@@ -130,13 +71,14 @@ def stewart_trinkle_step(s: MechanismStep, t: float, q: Array, v: Array, h: floa
         return UNSOLVED
     for j in range(len(v)):
         displacement[j] = h * free[j]
-    s.constraints.given.time[0] = t + 0.5 * h
-    code = find_within_reach(s, q, displacement)
-    if code != FOUND:
-        return code
+    reach = reach_of(s, q, displacement)
     # the mass matrix at q, also where forces are damped
     if factor(m.mass, 0.0, m.damping, m.parent, room.L):
         return UNSOLVED
+    s.constraints.given.time[0] = t + 0.5 * h
+    code = active_rows(m, s.constraints, q[:0], displacement, q, reach, rows)
+    if code != FOUND:
+        return code
     k = rows.size[0]
     bound, lower, gap, change = room.law[:k], room.bound[:k], room.gap[:k], room.opened[:k]
     code, removes, residual = displacing_velocity(s, v, h, bound, lower)

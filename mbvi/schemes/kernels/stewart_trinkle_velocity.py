@@ -11,7 +11,6 @@ from ...projection.dense.robot_step import solve_active_set
 from ...projection.row_speeds import row_speeds
 from ...projection.tree import solve
 from ...system.system import Array
-from ..positions.displacement_kernel import independent_groups
 from ..step import STILL
 from .joint_friction import bounded_coulomb, joints_with_friction
 from .records import DONE, UNSOLVED, MechanismStep
@@ -32,8 +31,8 @@ def write_bounds(s: MechanismStep, v: Array, h: float, bound: Array, lower: Arra
     bound, lower : ndarray, shape (k,)
         Receive the mask and the rates.
     """
-    rows, free, some, bounces, m = s.rows, s.room.free, False, False, s.rows.size[0]
-    for a in range(m):
+    rows, free, largest, some, bounces = s.rows, s.room.free, 0.0, False, False
+    for a in range(rows.size[0]):
         before, slow = 0.0, STILL * s.scales.length / rows.lever[a]
         for k in range(len(v)):
             before += rows.J[a, k] * v[k]
@@ -43,21 +42,14 @@ def write_bounds(s: MechanismStep, v: Array, h: float, bound: Array, lower: Arra
         gap = max(rows.gap[a], 0.0)
         lower[a], bound[a] = -e * before if impact else -gap / h, not (e > 0.0 and not impact and gap > h * slow)
         s.room.near[a], s.room.change[a], bounces = impact, before, bounces or e > 0.0
-        some = some or impact
-    if not some:
-        return bounces
-    group, largest = np.empty(m, np.int64), np.zeros(m)
-    independent_groups(rows.J[:m], s.scales.part, group)
-    for a in range(m):
-        if s.room.near[a]:
-            largest[group[a]] = max(largest[group[a]], rows.e[a])
-    for a in range(m):
-        most = largest[group[a]]
-        if not s.room.near[a] and most > 0.0:
+        if impact:
+            some, largest = True, max(largest, e)
+    for a in range(rows.size[0] if some else 0):
+        if not s.room.near[a]:
             gap = max(rows.gap[a], 0.0)
             # bodies that touch to within the tolerance pass impacts on without loss
             gap = gap if gap > s.scales.tolerance / rows.lever[a] else 0.0
-            lower[a] = min(-gap / h, -most * s.room.change[a])
+            lower[a] = min(-gap / h, -largest * s.room.change[a])
     return bounces
 
 

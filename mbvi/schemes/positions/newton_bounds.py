@@ -9,9 +9,8 @@ import numpy as np
 from ...constraints import Rows
 from ...problem import Problem
 from ...projection import FreeMotion, TreeFreeMotion
-from ...system.system import Array, independent_parts
+from ...system.system import Array
 from ..step import still_rates
-from .least_displacement import independent_groups
 
 
 class NewtonBounds(NamedTuple):
@@ -39,8 +38,7 @@ def newton_bounds(
 
     A row with e > 0 that v closes within the step has an impact if its approach is faster than what twice the forces of
     the step explain where they act on one of its bodies only: J w >= -e J v. Slower contacts rest. A row that rests and
-    one with e = 0 have J w >= min(-max(f, 0) / h, -s J v), where s is the largest e of the impacts
-    that rows connect it with. An open row with
+    one with e = 0 have J w >= min(-max(f, 0) / h, -s J v), where s is the largest e of all impacts. An open row with
     e > 0 has no bound: the impact that ends its approach must find the whole speed.
 
     Parameters
@@ -67,13 +65,10 @@ def newton_bounds(
     touching = problem.tolerance / problem.constraints.levers(rows.constraint)
     impact = (e > 0.0) & (rows.gap + h * before <= touching) & (before < -slow)
     gap = np.maximum(rows.gap, 0.0)
-    lower = -gap / h
     if impact.any():
-        group = independent_groups(rows.jacobian, independent_parts(problem.system))
-        largest = np.zeros(len(e))
-        np.maximum.at(largest, group[impact], e[impact])
         # bodies that touch to within the tolerance pass impacts on without loss
-        near, most = np.where(gap > touching, gap, 0.0), largest[group]
-        lower = np.where(most > 0.0, np.minimum(-near / h, -most * before), lower)
-        lower = np.where(impact, -e * before, lower)
+        gap = np.where(gap > touching, gap, 0.0)
+        lower = np.where(impact, -e * before, np.minimum(-gap / h, -e[impact].max() * before))
+    else:
+        lower = -gap / h
     return NewtonBounds(lower, impact, (e > 0.0) & ~impact & (gap > h * slow))
