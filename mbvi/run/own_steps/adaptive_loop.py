@@ -15,6 +15,7 @@ from ...results.trajectory import Trajectory
 from ...schemes import Adaptive, Centered, Step
 from ...schemes.adaptive.cubic import POWERS, cubic
 from ...schemes.adaptive.integrator import AdaptiveIntegrator, Counts, Stop, Stride, Strike
+from ...schemes.event_driven.runge_kutta import DEGREE
 from ...schemes.observer import contacts_of_step
 from ..accuracy import residual_note
 from ..fixed_steps.switching import SwitchedRecorder, Switching, switch_connections
@@ -68,7 +69,9 @@ class _AdaptiveRecorder(SwitchedRecorder):
         if self.contacts is not None:
             self.contacts.close()
         last = self.count - 1
-        self._cubics.append(cubic(self.problem.system, t - self.t[last], (self.q[last], self.v[last]), (q, v)))
+        dense = np.zeros((2, len(v), DEGREE))
+        dense[:, :, : len(POWERS)] = cubic(self.problem.system, t - self.t[last], (self.q[last], self.v[last]), (q, v))
+        self._cubics.append(dense)
         self.t[k], self.q[k], self.v[k] = t, q, v
         self.count, self._since = k + 1, 0
 
