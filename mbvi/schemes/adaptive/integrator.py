@@ -21,7 +21,7 @@ from .doubling import Doubled, doubled, held
 from .holding import HoldingCentered
 from .joints import JointSlips
 from .judgement import Verdict, judged
-from .landing import acceleration_at, flight_time, landing_time, missed_time, stop_time
+from .landing import acceleration_at, flight_time, instants_within, landing_time, missed_time, stop_time
 from .measure import Measure
 
 # the first step, and the longest [s]
@@ -225,9 +225,10 @@ class AdaptiveIntegrator:
                 break
             missed = None
             if keeps and not verdict.lands:
-                missed = missed_time(problem, measure, t, q, v, verdict.step, h)
+                instants = instants_within(problem, measure, t, q, v, verdict.step, h)
+                missed = missed_time(problem, measure, instants)
                 if missed is None:
-                    missed = flight_time(problem, measure, t, q, v, near.resting, verdict.step, h)
+                    missed = flight_time(problem, measure, t, q, v, near.resting, instants)
             if keeps and missed is None:
                 break
             self.counts.rejected += 1

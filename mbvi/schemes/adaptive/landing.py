@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,6 +16,7 @@ from ...projection import Projector, in_flight
 from ...projection.row_speeds import times
 from ...system.system import Array
 from ..step import Step, law
+from .cubic import POWERS, cubic
 from .joints import JointSlips
 from .measure import Measure
 
@@ -52,53 +55,75 @@ def landing_time(
     return None
 
 
-def missed_time(problem: Problem, measure: Measure, t: float, q: Array, v: Array, end: Step, h: float) -> float | None:
-    """Return the time of an overlap within a step from (q, v) whose ends are apart, below h [s]; None without.
+class Instant(NamedTuple):
+    """What is near at a time within a step.
 
-    Gaps that fall at one instant and rise at the next are cubics between; of an overlap it is the time when it is
-    deepest. The instants are the ends, and where bodies move far or walls move, some between on a cubic path.
+    Attributes
+    ----------
+    time : float
+        Since the start of the step [s].
+    v : ndarray, shape (nv,)
+        Velocity.
+    rows : Rows
+        The rows whose gaps may close before the next instant.
     """
+
+    time: float
+    v: Array
+    rows: Rows
+
+
+def instants_within(
+    problem: Problem, measure: Measure, t: float, q: Array, v: Array, end: Step, h: float
+) -> list[Instant]:  # fmt: skip
+    """Return the ends of a step from (q, v), and where bodies move far or walls move, instants between on its cubic."""
     system, constraints, speed = problem.system, problem.constraints, max(measure.size(v), measure.size(end.v))
     parts = _WALL_PARTS if constraints.moving else min(int(h * speed) + 1, _WALL_PARTS)
     margin = 2.0 * (measure.gap + h / parts * speed * problem.length)
-    before, rate, whole = constraints.active(t, q, margin), v, system.difference(q, end.q)
+    dense, found = cubic(system, h, (q, v), (end.q, end.v)), [Instant(0.0, v, constraints.active(t, q, margin))]
     for k in range(1, parts + 1):
         x = k / parts
-        path = x * (1.0 - x) ** 2 * h * v + x * x * ((3.0 - 2.0 * x) * whole + (x - 1.0) * h * end.v)
-        later = (1.0 - x) * (1.0 - 3.0 * x) * v + x * (6.0 * (1.0 - x) / h * whole + (3.0 * x - 2.0) * end.v)
-        after = constraints.active(t + x * h, end.q if k == parts else system.integrate(q, path), margin)
-        found = _deepest(problem, measure, before, rate, after, later, h / parts)
+        moved, change = h * (dense @ x**POWERS)
+        place = end.q if k == parts else system.integrate(q, moved)
+        found.append(Instant(x * h, v + change, constraints.active(t + x * h, place, margin)))
+    return found
+
+
+def missed_time(problem: Problem, measure: Measure, instants: list[Instant]) -> float | None:
+    """Return the time of an overlap within a step whose ends are apart [s]; None without.
+
+    Gaps that fall at one instant and rise at the next are cubics between; of an overlap it is the time when it is
+    deepest.
+    """
+    for before, after in pairwise(instants):
+        found = _deepest(problem, measure, before.rows, before.v, after.rows, after.v, after.time - before.time)
         if found is not None:
-            return (k - 1) / parts * h + found
-        before, rate = after, later
+            return before.time + found
     return None
 
 
 def flight_time(
-    problem: Problem, measure: Measure, t: float, q: Array, v: Array, resting: Rows, end: Step, h: float
+    problem: Problem, measure: Measure, t: float, q: Array, v: Array, resting: Rows, instants: list[Instant]
 ) -> float | None:
-    """Return a time within a step at which a moving wall has fallen away from a resting contact, below h [s].
+    """Return a time within a step from (q, v) at which a moving wall has left a resting contact [s]; None without.
 
-    None without. Bodies that leave a wall and land on it again within a step are on it at its end. At instants between
-    the rate of each gap is that of the wall and of bodies that fall freely.
+    A body that leaves a wall and lands on it again within a step is on it at its end. Between instants the rate of each
+    gap is that of its wall and of bodies that fall freely.
     """
-    system, constraints, parts, short = problem.system, problem.constraints, _WALL_PARTS, _SHORT * h
+    constraints, short = problem.constraints, _SHORT * instants[-1].time
     if not constraints.moving or not len(resting.gap):
         return None
-    falls = (system.free_velocity(t, q, v, short) - v) * (h / parts / short)
-    lever, whole, none = constraints.levers(resting.constraint), system.difference(q, end.q), np.zeros(len(v))
-    rise, height, rate = np.zeros(len(resting.gap)), np.zeros(len(resting.gap)), resting.speeds(none)
-    for k in range(1, parts):
-        place = system.integrate(q, k / parts * whole)
-        rows = constraints.active(t + k / parts * h, place, measure.gap + problem.length * measure.size(whole))
+    pull, lever = (problem.system.free_velocity(t, q, v, short) - v) / short, constraints.levers(resting.constraint)
+    none, opening, height = np.zeros(len(v)), np.zeros(len(resting.gap)), np.zeros(len(resting.gap))
+    rate = resting.speeds(none)
+    for before, (time, _, rows) in pairwise(instants[:-1]):
         # owner is -1 where there is none
-        owner = match_contacts(resting, rows) if len(rows.gap) else np.full(len(rate), -1)
-        before, rate = rate, np.append(rows.speeds(none), 0.0)[owner]
-        change = np.append(times(rows.jacobian, falls), 0.0)[owner] + rate - before
-        rise = np.where(owner >= 0, np.maximum(rise + change, 0.0), 0.0)
-        height = np.where(rise > 0.0, height + rise * (h / parts), 0.0)
+        owner, last, h = match_contacts(resting, rows), rate, time - before.time
+        rate, change = (np.append(one, 0.0)[owner] for one in (rows.speeds(none), h * times(rows.jacobian, pull)))
+        opening = np.where(owner >= 0, np.maximum(opening + change + rate - last, 0.0), 0.0)
+        height = np.where(opening > 0.0, height + h * opening, 0.0)
         if (lever * height > measure.gap).any():
-            return k / parts * h
+            return time
     return None
 
 
