@@ -350,6 +350,11 @@ class AdmissibleSet(Rebuilt):
         return self.cache.travel(displacement)
 
     @property
+    def part(self) -> Array:
+        """Which mechanism, free body or group of these each velocity belongs to; see `independent_parts`."""
+        return self.cache.part
+
+    @property
     def searched(self) -> Array:
         """Velocities that move bodies of constraints which are searched at every step, shape (nv,) of bool."""
         return self.cache.searched

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..compiled import kernel
-from ..system import System
+from ..system import System, independent_parts
 from .families.candidates import PairCandidates
 from .family import ConstraintFamily
 from .rows import Array, Rows
@@ -121,12 +121,12 @@ class ClearanceCache:
     (n,). Sets of families are masks with bit k for row k. Families have no such state: several sets may share them.
     `squares` (n, nv) are those of the envelope, for `travel`, and `turn_squares` those of angles only, for bends of
     gaps, also of families that are always queried; `searched` (nv,) are the velocities that move bodies of families
-    without an envelope. While the compiled loop has the state, `reclaim` is the function that takes it back; it is
-    called where functions of the user query the constraints.
+    without an envelope, and `part` (nv,) is as of `independent_parts`. While the compiled loop has the state, `reclaim`
+    is the function that takes it back; it is called where functions of the user query the constraints.
     """
 
     def __init__(self, system: System, numbered: Sequence[tuple[ConstraintFamily, int, float]]) -> None:
-        self._system = system
+        self._system, self.part = system, independent_parts(system)
         self._entries: list[_Entry] = []
         envelopes: list[Array] = []
         bending: list[Array] = []

@@ -17,7 +17,6 @@ from ..schemes import SchemeBase, Step, Timing
 from ..schemes.contact_friction import friction_of
 from ..schemes.event_driven.runge_kutta import DEGREE
 from ..schemes.step import STILL
-from ..system import independent_parts
 from .loop.impact_rows import NO_ROWS, LaterRows, RecentPercussions, friction_of_impact, linked
 
 # contact points of one pair in consecutive steps count as the same point within this distance [lengths of the scene]
@@ -196,7 +195,7 @@ class Recorder:
         self.problem = problem
         self._limits = problem.constraints.limits
         self._lever, self._still = problem.constraints.lever, STILL * problem.length
-        self._parts = independent_parts(problem.system)
+        self._parts = problem.constraints.part
         self.recent = RecentPercussions(RECENT)
         self.last: Step | None = None
 

@@ -12,7 +12,7 @@ from ..constraints.rows import concatenate, match_contacts, points_going_on, tak
 from ..problem import Problem
 from ..projection import Projector, in_flight
 from ..projection.positions.travel import largest_of_parts, largest_of_rows
-from ..system.system import Array, independent_parts
+from ..system.system import Array
 from .kernels.centered import centered_step
 from .positions.closed_contacts import Applied
 from .positions.least_displacement import independent_groups
@@ -95,7 +95,7 @@ class Centered(Scheme):
         if bouncing is not None:
             # gaps that lead to those of the end, which the position projection takes to be linear
             linear = ahead.gap - half * active.speeds(v)
-            bounces = largest_of_parts(ahead.jacobian, independent_parts(system), bouncing) > 0.0
+            bounces = largest_of_parts(ahead.jacobian, problem.constraints.part, bouncing) > 0.0
             active = active._replace(gap=np.where(bounces, active.gap, linear))
         opened = closing_speeds(problem, active, half, half * active.speeds(v)) if self.project_positions else None
         w, rates, residual, slip, found = law(projector, v, motion, *self.rows_of_law(active, v, opened))
@@ -113,7 +113,7 @@ class Centered(Scheme):
         displacement, _ = problem.system.coast(v, h)
         margins = near_margins(problem, self.project_positions, displacement)
         ahead = nearby.at(problem.system.integrate(q, displacement), margins)
-        if self.project_positions:
+        if self.project_positions and len(ahead.gap):
             ahead = nearby.only(joining(problem, ahead, margins, h * ahead.speeds(displacement / h)))
         return ahead
 
@@ -132,7 +132,7 @@ def parts_that_bounce(problem: Problem, ahead: Rows, change: Array) -> Array:
     """
     rebound = -2.0 * ahead.restitution * change * problem.constraints.levers(ahead.constraint)
     bounces = (ahead.restitution > 0.0) & ((rebound > problem.tolerance) | (ahead.restitution >= 1.0))
-    part = independent_parts(problem.system)
+    part = problem.constraints.part
     if not bounces.any():
         return np.zeros(part[-1] + 1)
     group = independent_groups(ahead.jacobian, part)

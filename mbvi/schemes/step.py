@@ -12,7 +12,7 @@ from ..constraints import Rows
 from ..problem import Problem
 from ..projection import FreeMotion, Projector, TreeFreeMotion
 from ..projection.positions.travel import largest_of_parts, write_bends
-from ..system import System, independent_parts
+from ..system import System
 from ..system.system import Array
 from .row_projection import project_rows, slip_rates
 
@@ -156,7 +156,7 @@ def near_margins(problem: Problem, project_positions: bool, displacement: Array)
     Of each mechanism and free body one number, shape (parts,): a row has the larger one of its two. Which rows within
     these margins join, `joins` decides.
     """
-    part = independent_parts(problem.system)
+    part = problem.constraints.part
     margins = np.zeros(part[-1] + 1)
     if project_positions:
         squares = plain_array(problem.constraints.cache.turn_squares)
@@ -191,7 +191,7 @@ def joining(problem: Problem, rows: Rows, margins: Array, change: Array) -> Arra
     `change`, shape (k,), is as of `joins`.
     """
     lengths = problem.constraints.levers(rows.constraint) * rows.gap
-    own = largest_of_parts(rows.jacobian, independent_parts(problem.system), margins)
+    own = largest_of_parts(rows.jacobian, problem.constraints.part, margins)
     bent = np.abs(change - 2.0 * rows.gap) <= 2.5 * rows.gap
     return np.asarray((lengths <= problem.tolerance + own) & (bent | (lengths <= NEAR * problem.tolerance)))
 

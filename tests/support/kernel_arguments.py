@@ -931,6 +931,11 @@ def moved(rng):
     return q, dv, np.zeros(21)
 
 
+def differences(rng):
+    q, *_ = free_bodies(rng)
+    return q, free_bodies(rng)[0], np.zeros(18)
+
+
 def chart_rates(rng):
     _, v, dv = free_bodies(rng)
     return dv, v, np.zeros(18)
@@ -1221,6 +1226,7 @@ ARGUMENTS = {
     "mesh_contacts": mesh_contacts,
     "_box_square": box_square,
     "integrate": moved,
+    "differences": differences,
     "chart_rates": chart_rates,
     "accelerations": accelerations,
     "placements": placed,

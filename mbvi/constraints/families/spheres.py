@@ -86,10 +86,12 @@ class SphereCentres(NamedTuple):
         return q[self.start : end].reshape(self.number, self.stride)[:, :3]
 
     def moved_in(self, system: System) -> Array:
-        """Return 1 for the velocities of the spheres and 0 for others, shape (nv,)."""
+        """Return 1 for the velocities that move centres and 0 for others, shape (nv,)."""
         last = located_parts(system)[-1].system
+        count = self.number * (last.nv // last.independent_bodies)
         moved = np.zeros(system.nv)
-        moved[system.nv - self.number * (last.nv // last.independent_bodies) :] = 1.0
+        # no turn of a sphere moves its centre
+        moved[system.nv - count :] = last.are_lengths()[last.nv - count :]
         return moved
 
 

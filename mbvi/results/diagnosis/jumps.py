@@ -15,7 +15,6 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
-from ...system import independent_parts
 from ...system.free.sparse_rows import dense
 
 if TYPE_CHECKING:
@@ -91,7 +90,7 @@ class Jumps:
     """
 
     def __init__(self, problem: Problem) -> None:
-        self._problem, self._parts = problem, independent_parts(problem.system)
+        self._problem, self._parts = problem, problem.constraints.part
         self._changed, self._pushed = np.zeros(self._parts[-1] + 1), np.zeros(problem.system.nv)
         self.found: list[Jump] = []
 

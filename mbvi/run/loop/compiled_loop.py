@@ -24,7 +24,7 @@ from ...schemes.positions.nearby_rows import linear_reach
 from ...schemes.step import STILL
 from ...system.mechanisms.joined import joined
 from ...system.mechanisms.mechanism import Mechanism
-from ...system.system import independent_parts, parts_of
+from ...system.system import parts_of
 from ..recorder import RECENT, Recorder
 from ..tunnelling import TunnellingGuard
 from .callbacks import PythonCallbacks, python_callbacks
@@ -260,9 +260,9 @@ def mechanism_step(
     # forces from outside act on all parts
     parts = (system,) if system.loaded else parts_of(system)
     late = np.concatenate([np.full(part.nv, part.velocity_dependent) for part in parts])
-    late, part = late if late.any() else late[:0], independent_parts(system)
+    late, part = late if late.any() else late[:0], constraints.part
     scales = Scales(
-        problem.tolerance, problem.length, residual, squares, turn_squares, late, part, linear_reach(problem, part),
+        problem.tolerance, problem.length, residual, squares, turn_squares, late, part, linear_reach(problem),
         theta, scheme.project_positions, system.loaded,
     )  # fmt: skip
     rows, ahead, middle = (row_buffer(nv, frictional, turns) for _ in range(3))

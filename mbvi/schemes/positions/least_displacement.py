@@ -16,7 +16,6 @@ from ...projection import Metric, Projector
 from ...projection.positions.held_rows import FARTHEST, HARDLY
 from ...projection.positions.travel import MOST_LINEARISATIONS
 from ...projection.row_speeds import times
-from ...system import independent_parts
 from ...system.system import Array
 from .nearby_rows import NearbyRows
 
@@ -156,7 +155,7 @@ def _bounds_of_groups(problem: Problem, rows: Rows, floor: Array) -> list[list[A
     """
     kept, limits = np.minimum(rows.gap, 0.0), np.isnan(rows.point).any(axis=1)
     raised, every = floor > kept, []
-    label = independent_groups(rows.jacobian, independent_parts(problem.system))
+    label = independent_groups(rows.jacobian, problem.constraints.part)
     for group in (label == k for k in np.unique(label)):
         tried, failed = [], raised
         for some in (raised & group, raised & group & limits):
@@ -175,7 +174,7 @@ def independent_groups(acts: Array | csr_array, part: Array) -> Array:
     acts : ndarray or csr_array, shape (k, nv)
         The rows.
     part : ndarray of int, shape (nv,)
-        See `system.independent_parts`.
+        See `independent_parts`.
     """
     acts = csr_array(acts)
     which = np.repeat(np.arange(acts.shape[0]), np.diff(acts.indptr)), part[acts.indices]

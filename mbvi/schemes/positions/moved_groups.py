@@ -17,7 +17,7 @@ from ...constraints import Rows
 from ...constraints.mechanism.tables import RowBuffer
 from ...constraints.tangents import along_axes
 from ...problem import Problem
-from ...system.system import Array, independent_parts
+from ...system.system import Array
 from ..kernels.records import MechanismStep
 from ..step import Step
 from .displacement_kernel import independent_groups as independent_groups_of
@@ -74,7 +74,7 @@ def with_the_rest_of_law(problem: Problem, law: Step, v: Array, step: Step, orde
     order : ndarray of int, shape (k,)
         Of each of its rows that of the law.
     """
-    part = independent_parts(problem.system)
+    part = problem.constraints.part
     if not part.any():
         return step
     moved = np.abs(displacement) > _MOVED * problem.tolerance

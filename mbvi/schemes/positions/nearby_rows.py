@@ -10,18 +10,18 @@ from ...constraints.rows import take
 from ...problem import Problem
 from ...projection.positions.travel import largest_of_parts, write_travels_of_parts
 from ...projection.row_speeds import times
-from ...system.system import Array, independent_parts
+from ...system.system import Array
 
 # second-order part of a gap that is left out, in lengths of the scene
 SECOND_ORDER = 1e-6
 
 
-def linear_reach(problem: Problem, part: Array) -> Array:
+def linear_reach(problem: Problem) -> Array:
     """Return the travel up to which the gaps of each part count as linear, shape (parts,) [m].
 
-    It is 0 where a constraint does not say how far bodies travel, or where its gaps are not linear. `part` is as of
-    `independent_parts`, shape (nv,).
+    It is 0 where a constraint does not say how far bodies travel, or where its gaps are not linear.
     """
+    part = problem.constraints.part
     reach = np.full(part[-1] + 1, (2.0 * SECOND_ORDER) ** 0.5 * problem.length)
     reach[part[problem.constraints.searched]] = 0.0
     return reach
@@ -32,9 +32,9 @@ class NearbyRows:
 
     The second-order part of a gap is about displacement^2 / (2 length). Up to the displacement `reach` it is at most
     1e-6 of the scene's length, and far below the activation tolerance where bodies come to rest. A search covers a
-    margin, so that rows which come near by such displacements are known too. Only the mechanisms and free bodies that
-    have moved farther are placed anew by the next search: the rows of the others stay as they are, whatever moves
-    elsewhere.
+    margin, so that rows which come near by such displacements are known too. The next search moves only the
+    mechanisms and free bodies that have travelled farther than that; the others stay where they were found, so that
+    their rows do not depend on what moves elsewhere.
 
     Parameters
     ----------
@@ -47,15 +47,16 @@ class NearbyRows:
     """
 
     def __init__(self, problem: Problem, t: float, *, linear: bool) -> None:
-        self._problem, self._t, self._part = problem, t, independent_parts(problem.system)
+        self._problem, self._t, self._part = problem, t, problem.constraints.part
         self._still = np.zeros(self._part[-1] + 1)
-        self._reach = linear_reach(problem, self._part) if linear else self._still
+        self._reach = linear_reach(problem) if linear else self._still
         # the last search: the rows, where, and of each part the margin
         self._rows: Rows | None = None
         self._q: Array | None = None
         self._margins = self._still
-        # of which parts the rows must be searched again
+        # of which parts the rows must be searched again, and the last configuration in question with its displacement
         self._renewed: Array = np.zeros(0, bool)
+        self._last: tuple[Array, Array] | None = None
         # which of them the last answer holds, and that answer
         self._near: Array = np.zeros(0, bool)
         self._answer: Rows | None = None
@@ -80,10 +81,10 @@ class NearbyRows:
     def _search(self, q: Array, margins: Array) -> None:
         system, tolerance = self._problem.system, self._problem.tolerance
         if self._q is None or self._renewed.all():
-            self._q, self._margins = q, margins
+            self._q, self._margins, self._last = q, margins, None
         else:
-            moved = np.where(self._renewed[self._part], system.difference(self._q, q), 0.0)
-            self._q = system.integrate(self._q, moved)
+            moved = np.where(self._renewed[self._part], self._displacement_to(q), 0.0)
+            self._q, self._last = system.integrate(self._q, moved), None
             self._margins = np.where(self._renewed, margins, self._margins)
         margins = self._margins + 2.0 * self._reach
         rows = self._problem.constraints.active(self._t, self._q, tolerance + margins.max())
@@ -92,6 +93,8 @@ class NearbyRows:
 
     def _are_within(self, rows: Rows, margins: Array) -> Array:
         """Return which rows have a gap of at most the activation tolerance and their margin, shape (k,)."""
+        if not len(rows.gap):
+            return np.zeros(0, bool)
         lengths = self._problem.constraints.levers(rows.constraint) * rows.gap - self._problem.tolerance
         return np.asarray(lengths <= largest_of_parts(rows.jacobian, self._part, margins))
 
@@ -105,8 +108,13 @@ class NearbyRows:
         assert self._rows is not None
         if q is self._q:
             return self._rows
-        displacement = self._problem.system.difference(self.place, q)
+        displacement = self._displacement_to(q)
         return self._rows._replace(gap=self._rows.gap + times(self._rows.jacobian, displacement))
+
+    def _displacement_to(self, q: Array) -> Array:
+        if self._last is None or self._last[0] is not q:
+            self._last = q, self._problem.system.difference(self.place, q)
+        return self._last[1]
 
     def only(self, some: Array) -> Rows:
         """Keep some of the rows of the last answer, a mask of shape (k,), and return them."""
@@ -131,7 +139,7 @@ class NearbyRows:
         self._renewed = np.ones(len(margins), bool)
         if self._reach.any():
             squares, travels = plain_array(self._problem.constraints.cache.squares), np.empty(len(margins))
-            displacement = plain_array(self._problem.system.difference(self._q, q))
+            displacement = plain_array(self._displacement_to(q))
             write_travels_of_parts(squares, displacement, self._part, travels)
             mark_unknown(travels, self._reach, margins, self._margins, self._renewed)
         return not self._renewed.any()
@@ -148,15 +156,14 @@ def mark_unknown(travels: Array, reach: Array, margins: Array, known: Array, unk
     reach : ndarray, shape (parts,)
         Travel up to which gaps are linear [m]; see `linear_reach`.
     margins, known : ndarray, shape (parts,)
-        The margins that are asked for, and those of the last search, which went 2 reach beyond them [m].
+        The margins now, and those of the last search, which found gaps of up to these and twice the reach [m].
     unknown : ndarray of bool, shape (parts,)
         Receives the answer.
     """
     some = False
-    # the other body of a contact may have moved as far
-    beyond = 1.0 if len(travels) > 1 else 2.0
     for p in range(len(travels)):
-        left = known[p] + beyond * reach[p] - margins[p]
+        # the other body of a contact may have moved by the reach
+        left = known[p] + reach[p] - margins[p]
         unknown[p] = not reach[p] > 0.0 or travels[p] > reach[p] or travels[p] > left
         some = some or unknown[p]
     return some

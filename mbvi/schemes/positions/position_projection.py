@@ -11,7 +11,7 @@ from ...problem import Problem
 from ...projection import Projector
 from ...projection.positions.travel import MOST_LINEARISATIONS, NEARBY, largest_of_parts, largest_of_rows
 from ...projection.row_speeds import times
-from ...system.system import Array, independent_parts
+from ...system.system import Array
 from ..row_projection import project_rows, slip_rates
 from ..step import Step, advance_gaps, closing_speeds
 from .closed_contacts import Applied, bears_or_sinks, closed_contacts, stays_sunk
@@ -61,7 +61,7 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
     contradict each other, other mechanisms and bodies are projected, and the joint limits. Nothing is where the law
     that follows is not solved. The run records the penetration that stays.
     """
-    system, drift, part = problem.system, step.t - applied.t, independent_parts(problem.system)
+    system, drift, part = problem.system, step.t - applied.t, problem.constraints.part
     if not _may_sink(problem, step, drift, nearby):
         return _at_end(problem, applied, step)
     count = len(step.active.gap)

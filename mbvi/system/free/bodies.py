@@ -6,13 +6,20 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from ...compiled import plain_array
-from ...geometry import rotations
 from ...projection import BodiesMetric, DiagonalMetric, FreeMotion, Metric
 from ..system import Array, System
 from .coasting import coast
 from .sparse_rows import MOST_DENSE, rows_from, rows_of_two
 from .spinning import free_velocities, links_of_bodies
-from .turning import accelerations, chart_rates, integrate, placements, separation_rows, sparse_separation_rows
+from .turning import (
+    accelerations,
+    chart_rates,
+    differences,
+    integrate,
+    placements,
+    separation_rows,
+    sparse_separation_rows,
+)
 
 
 class Spheres(System):
@@ -175,14 +182,14 @@ class FreeBodies(System):
         return new.reshape(q.shape)
 
     def difference_each(self, q0: Array, q1: Array) -> Array:
-        return self.difference(q0, q1).reshape(len(q0), self.nv)
+        dv = np.empty(q0.size // 7 * 6)
+        differences(plain_array(q0.ravel()), plain_array(q1.ravel()), dv)
+        return dv.reshape(len(q0), -1)
 
     def difference(self, q0: Array, q1: Array) -> Array:
-        old, new = q0.reshape(-1, 7), q1.reshape(-1, 7)
-        dv = np.empty((len(old), 6))
-        dv[:, :3] = new[:, :3] - old[:, :3]
-        dv[:, 3:] = rotations.log(rotations.compose(rotations.conjugate(old[:, 3:]), new[:, 3:]))
-        return dv.reshape(-1)
+        dv = np.empty(6 * self.independent_bodies)
+        differences(plain_array(q0), plain_array(q1), dv)
+        return dv
 
     def metric(self, q: Array) -> Metric:
         return self._metric

@@ -13,6 +13,8 @@ Array = np.ndarray
 
 # half the angle below which a series replaces a difference with cancellation
 _SMALL = 0.05
+# sine of half an angle below which that is its sine
+_TINY = 1e-8
 
 
 @kernel("void(f8[::1], f8[::1], f8[::1])")
@@ -39,6 +41,31 @@ def integrate(q: Array, dv: Array, new: Array) -> None:
         c, d = s * w + r * z + x * v - y * u, s * r - (x * u + y * v + z * w)
         length = np.sqrt(a * a + b * b + c * c + d * d)
         new[i + 3], new[i + 4], new[i + 5], new[i + 6] = a / length, b / length, c / length, d / length
+
+
+@kernel("void(f8[::1], f8[::1], f8[::1])")
+def differences(q: Array, new: Array, dv: Array) -> None:
+    """Write the tangent vector from a configuration to another one, which `integrate` follows.
+
+    Parameters
+    ----------
+    q, new : ndarray, shape (7 n,)
+        Centres and quaternions.
+    dv : ndarray, shape (6 n,)
+        Receives the tangent vector; its rotations are of at most pi.
+    """
+    for body in range(len(q) // 7):
+        i, j = 7 * body, 6 * body
+        for c in range(3):
+            dv[j + c] = new[i + c] - q[i + c]
+        x, y, z, s = q[i + 3], q[i + 4], q[i + 5], q[i + 6]
+        a, b, c, d = new[i + 3], new[i + 4], new[i + 5], new[i + 6]
+        u, v, w = s * a - d * x - (y * c - z * b), s * b - d * y - (z * a - x * c), s * c - d * z - (x * b - y * a)
+        cosine, sine = s * d + x * a + y * b + z * c, np.sqrt(u * u + v * v + w * w)
+        # of the two quaternions of one rotation that of the smaller angle
+        sign = -1.0 if cosine < 0.0 else 1.0
+        factor = sign * (2.0 * np.arctan2(sine, sign * cosine) / sine if sine >= _TINY else 2.0)
+        dv[j + 3], dv[j + 4], dv[j + 5] = factor * u, factor * v, factor * w
 
 
 @kernel("void(f8[::1], f8[::1], f8[::1])")

@@ -41,6 +41,7 @@ from support.plain.triangles import (
 from support.plain.turning import (
     accelerations_plain,
     chart_rates_plain,
+    differences_plain,
     moved_plain,
     placed_plain,
     pulled_in_plane_plain,
@@ -73,6 +74,7 @@ PLAIN = {
     "advance_by": advance_plain,
     "consume_clearance": consume_clearance_plain,
     "chart_rates": chart_rates_plain,
+    "differences": differences_plain,
     "factor": factor_plain,
     "factor_mass": factor_mass_plain,
     "filter_active": filter_active_plain,
