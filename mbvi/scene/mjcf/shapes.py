@@ -196,7 +196,11 @@ class Geoms:
         return red, green, blue, opacity
 
     def pairs_left_out(self, model: pin.Model, reference: Array) -> tuple[set[tuple[str, str]], list[Omission]]:
-        """Return the pairs of labels that never touch, in the order of the scene's shapes, and the reasons."""
+        """Return the pairs of labels that never touch, in the order of the scene's shapes, and the reasons.
+
+        Shapes of one mechanism that overlap where the file puts them are made to. Those of two, such as boxes that lie
+        on each other, are not: they touch, and the scene checks where they start.
+        """
         apart: set[tuple[str, str]] = set()
         omitted = []
         for a, b, g, h in self._pairs():
@@ -209,7 +213,7 @@ class Geoms:
         for i, first in enumerate(self.shapes):
             for j in range(i + 1, len(self.shapes)):
                 pair = first.name, self.shapes[j].name
-                if pair not in apart and overlaps(i, j):
+                if pair not in apart and self._root(pair[0]) == self._root(pair[1]) and overlaps(i, j):
                     apart.add(pair)
                     omitted.append(Omission(f"pair {pair[0]} | {pair[1]}", "overlap at the file's configuration", 0, 1))
         return apart, omitted
@@ -253,6 +257,10 @@ class Geoms:
         if not (m.geom_contype[g] & m.geom_conaffinity[h] or m.geom_contype[h] & m.geom_conaffinity[g]):
             return "contype and conaffinity do not meet"
         return ""
+
+    def _root(self, label: str) -> int:
+        """Return the body of the world that carries all of a shape's mechanism."""
+        return int(self._m.body_rootid[self._m.geom_bodyid[self._geom[label]]])
 
     def _explicit(self, g: int, h: int) -> int | None:
         """Return the number of the <pair> of two geoms."""
