@@ -1,4 +1,4 @@
-"""A five-bar linkage, a leg as Cassie's and a delta robot, and their motion in minimal coordinates from textbooks.
+"""Linkages, a leg as Cassie's and a delta robot, and their motion in minimal coordinates from textbooks.
 
 The bodies are a map y(s) of the minimal coordinates s to centres times sqrt(m) and unit directions times sqrt(I): the
 kinetic energy is |dy/dt|^2 / 2. With J = dy/ds the motion is J' (J s'' + (dJ/dt) s') = -dV/ds.
@@ -17,8 +17,8 @@ def derivative(f, s):
     return np.stack([f(s + 1e-30j * unit).imag / 1e-30 for unit in np.eye(len(s))], axis=-1)
 
 
-def motion(rods, s, duration):
-    """s after a time, from rest.
+def motion(rods, s, duration, floor=None, e=0.0):
+    """s after a time, from rest, and the times of its impacts on a floor of that height, with restitution e.
 
     Parameters
     ----------
@@ -41,15 +41,79 @@ def motion(rods, s, duration):
 
     def acceleration(t, state):
         s, rate = np.split(state, 2)
-        J, e = derivative(y, s), 1e-4
+        J, step = derivative(y, s), 1e-4
         # dJ/dt s' by a difference of order four
-        sides = [derivative(y, s + k * e * rate) @ rate for k in (-2, -1, 1, 2)]
-        bend = (sides[0] - 8.0 * sides[1] + 8.0 * sides[2] - sides[3]) / (12.0 * e)
+        sides = [derivative(y, s + k * step * rate) @ rate for k in (-2, -1, 1, 2)]
+        bend = (sides[0] - 8.0 * sides[1] + 8.0 * sides[2] - sides[3]) / (12.0 * step)
         force = -derivative(potential, s)[0] - J.T @ bend
         return np.concatenate([rate, np.linalg.solve(J.T @ J, force)])
 
-    found = solve_ivp(acceleration, (0.0, duration), np.append(s, 0.0 * s), "DOP853", rtol=1e-11, atol=1e-12)
-    return found.y[: len(s), -1]
+    def lowest(t, state):
+        return corners(rods, state[: len(s)]).real.min() - floor
+
+    lowest.terminal, lowest.direction = True, -1
+    state, now, struck = np.append(s, 0.0 * s), 0.0, []
+    while now < duration:
+        event = None if floor is None else lowest
+        found = solve_ivp(acceleration, (now, duration), state, "DOP853", rtol=1e-11, atol=1e-12, events=event)
+        now = found.t[-1]
+        place, rate = np.split(found.y[:, -1], 2)
+        if found.status == 1:
+            struck.append(now)
+            # J'J (s'+ - s'-) = g' p with g s'+ = -e g s'-, for the gradient g of the lowest corner's height
+            J = derivative(y, place)
+            g = derivative(lambda x: corners(rods, x), place)[corners(rods, place).real.argmin()]
+            pushed = np.linalg.solve(J.T @ J, g)
+            rate = rate - (1.0 + e) * (g @ rate) / (g @ pushed) * pushed
+        state = np.append(place, rate)
+    return state[: len(s)], struck
+
+
+def corners(rods, s):
+    """Heights of the lowest corners of the platform, or of each end of each rod, which have edges across x and z."""
+    heights, bodies = [], rods(s)
+    for begin, end, _, length in [body for body in bodies if not body[3]] or bodies:
+        up = (end - begin)[2] / length if length else 0.0
+        half = 0.5 * WIDTH * np.sqrt(1.0 - up * up)
+        heights += [begin[2] - half, end[2] - half]
+    return np.array(heights)
+
+
+class FourBar:
+    """A crank, a coupler and a rocker between two fixed hinges in the plane of x and z; s is the angle of the crank.
+
+    `lengths` are those of the three, and the distance of the fixed hinges [m].
+    """
+
+    start = np.array([1.0])
+    names = ("crank", "coupler", "rocker")
+
+    def __init__(self, lengths=(0.4, 0.9, 0.7, 1.0)):
+        self.lengths = lengths
+
+    def rods(self, s):
+        """Both ends, mass and length of each rod."""
+        crank, coupler, rocker, ground = self.lengths
+        zero = 0.0 * s[0]
+        first, last = np.array([zero, zero, zero]), np.array([ground + zero, zero, zero])
+        second = crank * np.array([np.cos(s[0]), zero, np.sin(s[0])])
+        across = last - second
+        apart = np.sqrt((across * across).sum())
+        along = (apart**2 + coupler**2 - rocker**2) / (2.0 * apart)
+        up = np.array([-across[2], zero, across[0]]) / apart
+        third = second + along / apart * across + np.sqrt(coupler**2 - along**2) * up
+        return [(first, second, 1.0, crank), (second, third, 2.0, coupler), (third, last, 1.5, rocker)]
+
+    def scene(self, **options):
+        """The scene of it, at rest."""
+        scene, rods = mbvi.Scene(**options), self.rods(self.start)
+        for name, rod in zip(self.names, rods, strict=True):
+            add_rod(scene, name, *rod)
+        ends = "world", *self.names, "world"
+        for first, second, at in zip(ends, ends[1:], [*(rod[0] for rod in rods), rods[-1][1]], strict=False):
+            scene.hinge(first, second, at=at, axis=(0, 1, 0))
+        leave_out_others(scene, self.names)
+        return scene
 
 
 class FiveBar:
@@ -58,7 +122,7 @@ class FiveBar:
     `lengths` are those of the cranks and of the rods, and the distance of the fixed hinges [m].
     """
 
-    start = np.array([2.0, 0.9])
+    start = np.array([2.9, 0.9])
     names = ("left", "right", "left_rod", "right_rod")
 
     def __init__(self, lengths=(0.3, 0.3, 0.5, 0.5, 0.4)):
@@ -83,9 +147,9 @@ class FiveBar:
             (ends[1], tip, 0.6, other),
         ]  # fmt: skip
 
-    def scene(self):
+    def scene(self, **options):
         """The scene of it, at rest."""
-        scene, rods = mbvi.Scene(), self.rods(self.start)
+        scene, rods = mbvi.Scene(**options), self.rods(self.start)
         for name, rod in zip(self.names, rods, strict=True):
             add_rod(scene, name, *rod)
         left, right, left_rod, right_rod = self.names
@@ -131,9 +195,9 @@ class CassieLeg:
             (end, tip, 0.7, heel + foot), (top, end, 0.2, rod),
         ]  # fmt: skip
 
-    def scene(self):
+    def scene(self, **options):
         """The scene of it, at rest."""
-        scene, rods = mbvi.Scene(), self.rods(self.start)
+        scene, rods = mbvi.Scene(**options), self.rods(self.start)
         for name, rod in zip(self.names, rods, strict=True):
             add_rod(scene, name, *rod)
         for first, second, at in (
@@ -177,9 +241,9 @@ class Delta:
             rods += [(elbow + k * side, s + platform * u + k * side, 0.1, forearm) for k in (1.0, -1.0)]
         return [*rods, (s, s, 0.7, 0.0)]
 
-    def scene(self):
+    def scene(self, **options):
         """The scene of it, at rest."""
-        scene, rods = mbvi.Scene(), self.rods(self.start)
+        scene, rods = mbvi.Scene(**options), self.rods(self.start)
         *bars, platform = zip(self.names, rods, strict=True)
         scene.add_box((0.1, 0.1, 0.02), platform[1][2], position=self.start, name="platform")
         for name, rod in bars:
