@@ -119,7 +119,11 @@ class _Search:
                 if anchored or yielded == _MOST_YIELDED:
                     return None
                 yielded += 1
-                z = self._yielding(metric, rows.jacobian, lower)
+                try:
+                    z = self._yielding(metric, rows.jacobian, lower)
+                except ProjectionError:
+                    # nothing moves what is too deep, such as a ball on the axis of its joint
+                    return None
             if anchored:
                 change = z - moved
                 settled = change @ metric.apply(change) <= _SETTLED**2 * (z @ metric.apply(z))

@@ -170,3 +170,17 @@ def test_no_way_out_is_an_error_that_names_what_is_too_deep():
     scene.add_sphere(0.1, position=(0, 0, 0.05), name="ball")
     with pytest.raises(mbvi.InadmissibleStartError, match=r"finds no way out: .*ball.* deep; .*Scene\.exclude"):
         scene.build(resolve=True)
+
+
+def test_what_no_motion_raises_is_named(tmp_path):
+    """A ball on the axis of its joint: its gap has no gradient."""
+    (tmp_path / "arm.urdf").write_text("""<robot name="arm"><link name="base"/><link name="rod"><inertial>
+      <mass value="1"/><inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>
+      <collision><geometry><sphere radius="0.2"/></geometry></collision></link>
+      <joint name="axle" type="revolute"><parent link="base"/><child link="rod"/><axis xyz="0 1 0"/>
+      <limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>""")
+    scene = mbvi.Scene()
+    scene.add_halfspace((0, 0, 1), name="floor")
+    scene.add_urdf(tmp_path / "arm.urdf", "fixed", position=(0, 0, 0.1), name="arm")
+    with pytest.raises(mbvi.InadmissibleStartError, match=r"finds no way out: arm/rod \| floor is still 0\.1 m deep"):
+        scene.build(resolve=True)
