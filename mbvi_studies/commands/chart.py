@@ -14,6 +14,7 @@ from mbvi.cli.names.schemes import SchemeName
 from mbvi.errors import InputError
 
 from ..pictures import check_pictures
+from .gradient_chart import GRADIENTS, chart_gradients
 from .scene_chart import FRICTION, chart_scenes
 
 if TYPE_CHECKING:
@@ -31,7 +32,7 @@ _Problems = Annotated[
     list[str] | None,
     typer.Argument(
         metavar="[PROBLEM]...",
-        help="Names of problems, or piles or friction and names of its scenes; --list prints them.",
+        help="Names of problems, or piles or friction and names of its scenes, or gradients; --list prints them.",
         show_default=False,
     ),
 ]
@@ -54,6 +55,7 @@ _EXAMPLES = examples(
     "mbvi chart --list",
     "mbvi chart --schemes paoli,event-driven --out out/chart",
     "mbvi chart piles --peers --budget 60",
+    "mbvi chart gradients",
 )
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
@@ -71,7 +73,8 @@ def chart(
 ) -> None:
     """Chart accuracy against CPU time.
 
-    Shows errors, also against the step; of piles the worst depth, of friction the creep.
+    Shows errors, also against the step; of piles the worst depth, of friction the creep, of gradients derivatives
+    through an impact.
     """
     from ..chart.cases import CASES, DEFAULT_CASES
     from ..chart.friction import ROUGH
@@ -86,8 +89,14 @@ def chart(
         for name, picture in PICTURES.items():
             print(f"scenes of {name}: {'; '.join(picture.scenes)}")
         print(f"scenes of {FRICTION}: {'; '.join(ROUGH)}")
+        print(f"{GRADIENTS}: derivatives through an impact, by mbvi and MuJoCo")
         print("\n  ".join(["schemes", *words]))
         print("\n  ".join(["engines", *(f"{p.name}: {'installed' if p.installed else p.install}" for p in PEERS)]))
+        return
+    if problems and GRADIENTS in problems:
+        if len(problems) > 1 or schemes or peers or budget is not None:
+            raise InputError(f"{GRADIENTS} is a picture of its own: give it alone, and no option but --out")
+        chart_gradients(out)
         return
     if problems and problems[0] in (*PICTURES, FRICTION):
         if schemes:

@@ -41,7 +41,7 @@ class MuJoCo:
         spec = mujoco.MjSpec.from_string(text)
         for geom in spec.geoms:
             geom.contype, geom.conaffinity = 0, 1
-        self.model = _compiled(spec, np.array([0.0, 0.0, -9.81]), rig.planes, e, h)
+        self.model = compiled_model(spec, np.array([0.0, 0.0, -9.81]), rig.planes, e, h)
         self.data = mujoco.MjData(self.model)
         joints = [self.model.joint(name) for name in rig.joints]
         self._q = np.array([int(j.qposadr[0]) for j in joints], dtype=int)
@@ -103,7 +103,7 @@ class MuJoCoBodies:
                     here.add_geom(type=box, size=0.5 * np.array(shape.size), pos=place)
         for solid, centre in model.fixed:
             spec.worldbody.add_geom(type=box, size=0.5 * np.array(solid.size), pos=centre)
-        self.model = _compiled(spec, model.gravity, model.planes, model.e, h)
+        self.model = compiled_model(spec, model.gravity, model.planes, model.e, h)
         self.data = mujoco.MjData(self.model)
         first = self.model.body_jntadr[1:]
         self._q = self.model.jnt_qposadr[first][:, None] + np.arange(3)
@@ -139,7 +139,7 @@ class MuJoCoBodies:
 Free = MuJoCoBodies
 
 
-def _compiled(
+def compiled_model(
     spec: mujoco.MjSpec, gravity: Array, planes: Sequence[tuple[Array, float]], e: float, h: float
 ) -> mujoco.MjModel:
     """Return the compiled model, with planes, contacts and options."""
