@@ -134,7 +134,9 @@ def _names(figure: Any, axes: Any, lines: Mapping[str, Sequence[Record]], best: 
         axes.annotate(
             f"{name}: {slope(lines[name])}", xy=ends[name], xycoords="data", xytext=(1.03, height),
             textcoords="axes fraction", va="center", fontsize="small", color=colour, annotation_clip=False,
-            arrowprops={"arrowstyle": "-", "color": colour, "linewidth": 0.5, "alpha": 0.6, "shrinkA": 1, "shrinkB": 4},
+            # to the left end of the name, not through other names to its middle
+            arrowprops={"arrowstyle": "-", "color": colour, "linewidth": 0.5, "alpha": 0.6, "shrinkA": 1, "shrinkB": 4,
+                        "relpos": (0.0, 0.5)},
         )  # fmt: skip
 
 

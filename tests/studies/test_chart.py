@@ -111,6 +111,8 @@ def test_the_best_eight_lines_have_colors_and_no_two_names_overlap(records):
     colors = {text.get_text().partition(":")[0]: text.get_color() for text in right.texts}
     assert [name for name, color in colors.items() if color == "0.55"] == ["8", "9", "10", "11"]
     assert [line.get_color() for axes in (left, right) for line in axes.lines].count("0.78") == 8
+    # what leads to a name ends at its left end, beside other names
+    assert {text.arrowprops["relpos"] for text in right.texts} == {(0.0, 0.5)}
     heights = sorted(text.xyann[1] for text in right.texts)
     assert len(heights) == 12 and np.diff(heights).min() > 0.03 and heights[-1] <= 1.0
 

@@ -116,7 +116,10 @@ def test_the_command_writes_numbers_and_a_picture(tmp_path):
     # held is green, and there is text
     assert np.isclose(picture, np.array([0xB7, 0xDF, 0xB0]) / 255, atol=0.01).all(axis=-1).mean() > 0.1
     assert picture.min() < 0.1
-    assert "<svg" in (tmp_path / "stress.svg").read_text()
+    drawn = (tmp_path / "stress.svg").read_text()
+    # each row says what its numbers are, with their unit
+    assert "<svg" in drawn and all(scene["number"] in drawn for scene in told["scenes"])
+    assert "reached its limit of CPU time" in drawn
 
 
 def test_the_results_of_other_scenes_are_kept(tmp_path):
