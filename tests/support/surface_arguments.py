@@ -435,7 +435,40 @@ def distances(rng):
     return scene.at(), scene.places, np.arange(3), *found
 
 
+def bent(rng):
+    """A mesh over terrain: its creases, the numbers of edges, and the first side of each."""
+    surface = Surface(*terrain(rng))
+    number = surface.features[:, 3:6] - len(surface.vertices)
+    first = np.unique(number, return_index=True)[1]
+    return creases_of(surface), np.ascontiguousarray(number), first
+
+
+def planes_of(rng):
+    mesh, _, _ = bent(rng)
+    return mesh.vertices, mesh.triangles, np.zeros(mesh.planes.shape)
+
+
+def angles_of(rng):
+    mesh, number, first = bent(rng)
+    return mesh.vertices, mesh.triangles, mesh.planes, number, 0 * first, 0 * number, np.zeros(len(first))
+
+
+def peaks_of(rng):
+    mesh, _, first = bent(rng)
+    return mesh.triangles, mesh.ends, first, 0 * mesh.peak, 0 * mesh.owned, 0 * mesh.peak
+
+
+def peak_edges(rng):
+    mesh, _, first = bent(rng)
+    begin, edges = mesh.first[:-1].copy(), np.zeros(mesh.edges.shape)
+    return mesh.vertices, mesh.triangles, mesh.planes, mesh.ends, first, mesh.peak, begin, edges
+
+
 SURFACE_ARGUMENTS = {
+    "write_planes": planes_of,
+    "write_angles": angles_of,
+    "count_peaks": peaks_of,
+    "write_peak_edges": peak_edges,
     "above": above,
     "looks_at": looks_at,
     "in_cone": in_cone,
