@@ -122,6 +122,7 @@ WITHOUT = {
     "step_by_hand": "one step at a time",
     "find_restitution": "the restitution of a ball, from a recording of its bounces",
     "bank_shot": "a throw that is at a mark in time after three impacts: 7 runs with derivatives, 25 without",
+    "hopper_launch": "a hopper that is at a mark after three impacts: 7 runs with derivatives, 28 without",
     "find_gains": "the gains of a drive, from a recording of its joint at a wall, by a gradient of one pass back",
     "keep_hopping": "a linear-quadratic regulator through landings keeps a hopper hopping after a blow",
     "hopper_environment": "the interface of gymnasium",

@@ -5,6 +5,7 @@ import importlib.util
 import numpy as np
 import pytest
 
+import mbvi
 from support.paths import EXAMPLES
 
 G = 9.81
@@ -62,6 +63,8 @@ NUMBERS = {
     # the states of the environment and those of `rollout`
     "hopper_environment": (0.0, 0),
     "hourglass": (120, 0),
+    # the launch of which the mark was made
+    "hopper_launch": (0.46, 1e-8),
     # the same at tolerance 1e-9, and that of the linear model for small blows (below)
     "keep_hopping": (9.404e-5, 1e-7),
     # the balance of momentum, of first order in the step of the robot
@@ -151,6 +154,20 @@ def test_a_throw_is_aimed_in_a_third_of_the_runs_with_derivatives():
     example = load("bank_shot")
     (exact, runs), (other, more) = example.aim(), example.aim(derivatives=False)
     assert exact == pytest.approx(other, abs=1e-5) and 3 * runs < more
+
+
+def test_a_hopper_is_launched_in_a_third_of_the_runs_with_derivatives():
+    """Through three impacts; its place, its angle and all three speeds of the launch are those of which the mark is."""
+    example = load("hopper_launch")
+    problem = example.make()
+    run = mbvi.simulate(problem.at(problem.q0, example.LAUNCH), example.SCHEME, duration=example.END)
+    assert [impact.constraints[0] for impact in run.impacts] == [
+        "hopper/foot | floor", "hopper/trunk_0 | floor", "hopper/trunk_0 | floor",
+    ]  # fmt: skip
+    (found, runs), (other, more) = (example.aim(problem, run.q[-1], derivatives) for derivatives in (True, False))
+    np.testing.assert_allclose(found, example.LAUNCH, rtol=0, atol=1e-7)
+    np.testing.assert_allclose(other, example.LAUNCH, rtol=0, atol=1e-5)
+    assert 3 * runs < more
 
 
 @pytest.mark.slow(seconds=6)
