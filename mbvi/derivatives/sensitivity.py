@@ -23,6 +23,7 @@ from ..system.system import Array
 from .check import SensitivityCheck, VariedRuns
 from .directions import Directions, directions
 from .fixed_steps import LocatedSteps
+from .growth import growth, trusted_until
 from .motion.accelerations import has_equalities
 from .one_sided import OneSidedSensitivity, Part, branches
 from .orders import Branching
@@ -63,6 +64,37 @@ class Sensitivity:
     matrices: Array
     columns: dict[str, slice]
     _varied: VariedRuns = field(repr=False)
+
+    @property
+    def growth(self) -> Array:
+        """The largest factor by which a variation of the start has grown at each time of `run.t`, shape (n + 1,).
+
+        In lengths of the scene and rad, and these a second. Takes "state" in `wrt`.
+        """
+        return growth(self._varied.problem, self.matrices, self._varied.varied)
+
+    def trusted_until(self, digits: float = 3.0, start: float = 2.0**-52) -> float:
+        """Return the time until which the start, as exactly as it is known, leaves digits of the states [s].
+
+        Parameters
+        ----------
+        digits : float
+            How many digits, relative to lengths of the scene and rad.
+        start : float
+            Error of the start in the same units: that of rounding, or of what it was measured with.
+
+        Returns
+        -------
+        float
+            The time from which a variation of that size may have grown beyond; inf if it does not within the run.
+
+        Raises
+        ------
+        InputError
+            If digits or start is not positive and finite, or `wrt` does not hold "state".
+        """
+        error = positive(start, "start")
+        return trusted_until(self.run.t, self.growth, positive(digits, "digits"), error)
 
     def check(self, directions: int = 3) -> SensitivityCheck:
         """Compare the derivative with differences of runs, along random directions.
