@@ -351,6 +351,47 @@ def test_boxes_fall_on_rough_fields_no_deeper_than_a_step_leads(seed):
     assert max(depths) <= (1e-4 if isinstance(scheme, mbvi.StewartTrinkle) else h * fastest)
 
 
+# corners of the shapes of `scene_of`; of those that are round, points on them
+_TURN = np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False)
+_RING, _ANGLES = np.column_stack([np.cos(_TURN), np.sin(_TURN)]), np.linspace(0.0, 0.5 * np.pi, 3)
+_CAP = np.concatenate([0.05 * np.column_stack([np.cos(a) * _RING, np.full(12, np.sin(a))]) for a in _ANGLES])
+_HALVES = np.array([[0.0, 0.0, 0.15]]), np.array([[1.0, 1.0, -1.0]])
+POINTS = {
+    "box": CORNERS * [0.2, 0.15, 0.1],
+    "hull": np.concatenate([np.column_stack([np.full(6, x), 0.1 / np.sqrt(3) * _RING[::2]]) for x in (-0.1, 0.1)]),
+    "capsule": np.concatenate([_CAP + _HALVES[0], (_CAP + _HALVES[0]) * _HALVES[1]]),
+}
+# the depth of an impact over h |v| as docs/howto/schemes.md states it
+DEEPEST = [(mbvi.Paoli(), 1.0), (mbvi.Centered(), 0.5), (mbvi.Centered(project_positions=True), 0.5)]
+DEEPEST.append((mbvi.StewartTrinkle(), 0.05))
+
+
+@pytest.mark.slow(seconds=15)
+@pytest.mark.parametrize("kind", POINTS)
+@pytest.mark.parametrize(("scheme", "share"), DEEPEST, ids=lambda one: repr(one) if hasattr(one, "name") else "")
+def test_no_drawn_body_is_deeper_in_a_drawn_field_than_stated(kind, scheme, share):
+    """By triangles that are clipped by the hull of the body's points, at every eighth of all states: 17 fields each."""
+    rng, h = np.random.default_rng(100 * len(kind) + len(repr(scheme))), 2e-3
+    for friction in [0.0, 0.5] * 8 + [0.2]:
+        mesh = rough_field(rng, int(rng.integers(20, 28)), rng.uniform(0.07, 0.15))
+        turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+        turn *= np.linalg.det(turn)
+        problem = scene_of(
+            kind, (*rng.uniform(-0.2, 0.2, 2), 0.45), turn, (0.3, 0.2, 0), mesh, friction=friction
+        ).build()
+        run = mbvi.simulate(problem, scheme, step=h, duration=0.5, progress=False)
+        (shape,) = (one for one in problem.scene.shapes if one.body)
+        points = POINTS[kind] @ shape.rotation.T + shape.position
+        places = [problem.system.placements(q, np.array([shape.body]))[0] for q in run.q[::8]]
+        depth = max(depth_in_graph(mesh, points @ place[:3] + place[3]) for place in places)
+        speeds = np.linalg.norm(run.v[:, :3], axis=1)
+        speeds += np.linalg.norm(points, axis=1).max() * np.linalg.norm(run.v[:, 3:], axis=1)
+        assert run.impacts
+        assert depth <= share * h * speeds.max()
+        # along the vertical on slopes of up to 55 degrees, along normals in the run
+        assert depth <= 1.8 * run.penetration().max() + 1e-9
+
+
 @pytest.mark.parametrize("kind", ["box", "hull", "capsule", "cylinder", "wheel"])
 def test_nothing_falls_through_at_fifty_metres_per_second(kind):
     """Fifty metres per second are five times the box in a step of 10 ms."""
