@@ -1,4 +1,4 @@
-"""Refuses gaps that pass so near to zero that a small variation would make them close."""
+"""Refuses gaps that pass so near to zero that a small variation would make them close, and impacts that hardly do."""
 
 from __future__ import annotations
 
@@ -7,10 +7,13 @@ import numpy as np
 from ..schemes.event_driven.runge_kutta import RungeKuttaStep
 from ..system.system import Array
 from .impacts import Refuse, Saltation
+from .located_impact import LocatedImpact
 from .motion.linearised import Linearised
 
 # time in which the slowest impact would go through a gap that nearly closes [s]
 _SECOND = 1.0
+# share of its rate by which an impact may change within the tolerance of its gap
+_CERTAIN = 5e-4
 # halvings that find where the rate of a gap is zero
 _HALVINGS = 40
 
@@ -26,14 +29,37 @@ class NearMisses:
         The derivatives of the motion.
     saltation : Saltation
         Knows which impacts are too slow.
+    length : float
+        Tolerance of a gap, in the scene's unit of length [m].
     refuse : callable
         refuse(reason, rows, time) raises `SensitivityError`.
     """
 
-    def __init__(self, linear: Linearised, saltation: Saltation, refuse: Refuse) -> None:
+    def __init__(self, linear: Linearised, saltation: Saltation, length: float, refuse: Refuse) -> None:
         self._linear, self._saltation, self._refuse = linear, saltation, refuse
+        self._length = length
         # lower bounds of gaps at the end of the last step
         self._gaps: Array | None = None
+
+    def impact(self, impact: LocatedImpact) -> None:
+        """Refuse an impact that forces slow down so much that the tolerance of its gap changes its rate.
+
+        Where a gap with the acceleration b is off by d, the square of the rate at which it closes is off by 2 b d.
+        """
+        t, q, v, rows = impact.t, impact.q, impact.before, impact.rows
+        J = self._linear.rows.gradients(t, q, rows)
+        a = self._linear.flow.acceleration(t, q, v, impact.closed_before)[: len(v)]
+        bend = J @ a + self._linear.rows.bias(t, q, v, rows)
+        off = np.maximum(bend, 0.0) * self._length / self._linear.rows.lever[rows]
+        opens = np.isin(rows, np.union1d(impact.closed_before, impact.held_before), invert=True)
+        graze = opens & (J @ v < 0.0) & (off > _CERTAIN * (J @ v) ** 2)
+        if graze.any():
+            rate = float((J @ v)[graze].min())
+            self._refuse(
+                f"it grazes: forces would soon open the gap, whose rate of {rate:.2g} is not known to three digits",
+                rows[graze],
+                t,
+            )
 
     def step(self, step: RungeKuttaStep, closed: Array, held: Array, touching: float) -> None:
         """Check a step; gaps up to `touching` [m] at its start belong to the event before."""

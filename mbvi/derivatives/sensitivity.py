@@ -201,8 +201,9 @@ def sensitivity(
     SensitivityError
         Where the run has no derivative, with time, bodies and reason. Constraints that close at once and are not
         orthogonal in the kinetic metric; impacts slower than the root of the tolerance, relative to the speed of their
-        bodies or to a length of the scene a second, and gaps that just miss such an impact; impacts that accumulate; a
-        run that starts or ends at an impact; by parameters also closed contacts that carry no force; a torque of
+        bodies or to a length of the scene a second, or so slow against the forces that open the gap that the tolerance
+        leaves fewer than three digits of their speed, and gaps that just miss such an impact; impacts that accumulate;
+        a run that starts or ends at an impact; by parameters also closed contacts that carry no force; a torque of
         a `PDControl` that stays exactly at its limit.
         With friction: several impacts at once, impacts that are about to stick or to slip, and contacts that share
         their load at will where that matters.

@@ -70,7 +70,7 @@ class Variation:
         self._least = np.where(varied.of_parameters, LEAST, 1e-300)
         self._saltation = Saltation(self._linear, varied, problem.length, float(np.sqrt(tolerance)), self._refuse)
         self.approximate = False
-        self._misses = NearMisses(self._linear, self._saltation, self._refuse)
+        self._misses = NearMisses(self._linear, self._saltation, tolerance * problem.length, self._refuse)
         self._name = problem.constraints.name
         self._varies_start = bool(varied.start.any() or varied.by_gap.any())
         self.matrices, self._X = [varied.start], varied.start
@@ -154,7 +154,11 @@ class Variation:
                 t, q, event.before, v, rows, event.rates[0], self._closed, self._held, closed,
                 _friction_of(event, self._modes, modes),
             )  # fmt: skip
-            self._X = self._saltation.carried(impact, self._X)
+            X = self._saltation.carried(impact, self._X)
+            if not self.approximate:
+                self._linear.choose(self._modes)
+                self._misses.impact(impact)
+            self._X = X
             self.matrices[-1] = self._X
         elif self._end is None:
             self._linear.choose(modes)
