@@ -114,6 +114,10 @@ class ProjectionError(MbviError):
         self.residual = residual
         self.constraint = constraint
 
+    def after(self, t: float) -> ProjectionError:
+        """Return the same error with the time from which the step was taken."""
+        return type(self)(f"after t = {t:.6g} s: {self}", self.problem, self.residual, self.constraint)
+
 
 class InfeasibleError(ProjectionError):
     """No velocity satisfies the constraints J w >= lower."""

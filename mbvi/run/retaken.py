@@ -95,7 +95,10 @@ class SolvedSteps:
                 return self._halves(t, state, h, projector, error, left)
         with projector.acceptance.second_bound():
             projector.forget()
-            return self._alone(t, state, h, projector)
+            try:
+                return self._alone(t, state, h, projector)
+            except ProjectionError as error:
+                raise error.after(t) from error
 
     def _alone(self, t: float, state: Step, h: float, projector: Projector) -> list[Step]:
         new = self._scheme.shortened(self._problem, t, state, h, projector)

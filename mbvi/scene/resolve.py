@@ -13,6 +13,7 @@ from ..errors import InadmissibleStartError, ProjectionError
 from ..problem import ACTIVATION
 from ..projection import DenseMetric, Metric, Projector
 from ..system import System, located_parts
+from ..system.loop_margin import widest_open
 from .model import Start
 
 # most linearisations of each of the two iterations, and of those after which the least depth is no smaller
@@ -70,10 +71,9 @@ def closed_start(system: System, q: Array) -> Start | None:
     if np.array_equal(found, q):
         return None
     if not np.isfinite(found).all():
-        open_by = np.abs(system.gaps(q)).max()
         raise InadmissibleStartError(
-            f"loops or couplings are open by {open_by:.3g} at the start, and no motion closes them; start nearer to "
-            "where they are closed"
+            f"loops or couplings cannot be closed: {widest_open(system, q)} at the start, and no motion closes them; "
+            "start nearer to where they are closed"
         )
     moved = _described(system, q, found)
     return Start(found, moved, "to close loops and couplings") if moved else None

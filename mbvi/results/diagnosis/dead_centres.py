@@ -2,36 +2,50 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.linalg import solve_triangular
 
 from ...errors import ProjectionError
 from ...system import System
+from ...system.loop_margin import with_equalities
 from ..run_data import RunData
 from .diagnosis import Array
 
 # singular values of unit gradients, relative to the largest, that count as zero where rows always depend on each other,
 # and those below which one that falls may reach zero
 _ZERO, _SMALL = 1e-7, 0.05
+# parts of a step of a scheme that chooses its steps
+_WITHIN = 10
 # size of the displacement to a configuration nearby
 _ASIDE = 0.01
 
 
-def dead_centres(run: RunData) -> tuple[float, ...]:
-    """Return the times at which the rank of the equalities drops [s], in order; a stay gives its first time."""
+def dead_centres(run: RunData, dense: Array | None = None) -> tuple[float, ...]:
+    """Return the times at which the rank of the equalities drops [s], in order; a stay gives its first time.
+
+    `dense` is the dense output of the run, if it has one.
+    """
     assert run.problem is not None
-    system, found = run.problem.system, set[float]()
-    parts: list[tuple[System, slice]]
-    if system.whole is not None:
-        parts = [(system.whole, slice(0, system.nq))]
-    else:
-        parts = [(p.system, slice(p.q, p.q + p.system.nq)) for p in system.located_parts()]
+    found, parts = set[float](), with_equalities(run.problem.system)
+    if not parts:
+        return ()
+    times, states = _sampled(run, dense)
     for part, where in parts:
-        if part.equalities:
-            values = np.array([_singular_values(part, q[where]) for q in run.q])
-            rank = max(_rank(values), _rank_nearby(part, run.q[0, where]))
-            found.update(run.t[_drops(values, rank)].tolist())
+        values = np.array([_singular_values(part, q[where]) for q in states])
+        rank = max(_rank(values), _rank_nearby(part, states[0, where]))
+        found.update(times[_drops(values, rank)].tolist())
     return tuple(sorted(found))
+
+
+def _sampled(run: RunData, dense: Array | None) -> tuple[Array, Array]:
+    """Return times and configurations of a run: those of its states, and of points within steps that may be long."""
+    if dense is None:
+        return run.t, run.q
+    times = np.unique(run.t[:-1, None] + np.diff(run.t)[:, None] * np.linspace(0.0, 1.0, _WITHIN + 1))
+    times = np.append(times[times < run.t[-1]], run.t[-1])
+    return times, replace(run, record=replace(run.record, dense=dense)).at(times)[0]
 
 
 def _singular_values(system: System, q: Array) -> Array:

@@ -67,12 +67,13 @@ def diagnose(run: RunData, tolerance: float = 1e-3) -> Diagnosis:
     if not (isinstance(tolerance, (int, float)) and 0.0 < tolerance < 1.0):
         raise InputError(f"tolerance must lie between 0 and 1; got {tolerance!r}")
     found, sums, jumps, centres = _Instants(tolerance), _Sums(run.lacks_functions), list[Jump](), set[float]()
-    for number, (_, leg) in enumerate(legs(run)):
+    for number, (first, leg) in enumerate(legs(run)):
         assert leg.problem is not None
         if number:
             sums.add_attaching(leg.problem, run.record.switches[number - 1].before)
         jumps += _look_at(leg, found, sums)
-        centres |= set(dead_centres(leg))
+        dense = run.record.dense
+        centres |= set(dead_centres(leg, None if dense is None else dense[first : first + len(leg.t) - 1]))
     unseen = run.step > 0.0 and _stepping_scheme(run) is None and bool((np.diff(run.t) > 1.5 * run.step).any())
     return Diagnosis(
         tuple(found.instants),

@@ -213,9 +213,9 @@ class AdaptiveIntegrator:
             try:
                 with projector.acceptance.second_bound() if shortest else nullcontext():
                     found = doubled(problem, self._scheme, t, q, v, h, projector)
-            except ProjectionError:
+            except ProjectionError as error:
                 if shortest:
-                    raise
+                    raise error.after(t) from error
                 self.counts.rejected, wanted, cut = self.counts.rejected + 1, 0.25 * h, False
                 projector.forget()
                 continue

@@ -15,6 +15,7 @@ from ...system.system import Array
 from ..contact_friction import ContactFriction
 from ..observer import Contacts
 from .contact_changes import change_contacts, touching_rows
+from .dead_centres import at_dead_centre, beside_dead_centre
 from .fallback import STEP, bounce, fall_back
 from .finding.feature_events import drop_features, first_feature_change
 from .finding.release_events import first_release
@@ -97,6 +98,7 @@ class EventDrivenIntegrator(MotionState):
             left = end - self.t
             length = min(h, left, self.flow.longest(self.v))
             try:
+                length = beside_dead_centre(self.system, self.q, self.v, length)
                 step, factor, share, first = self._attempt(a, length)
             except (DivergedError, ProjectionError) as error:
                 # a shorter step may avoid the states where forces are not finite, or loops cannot be closed
@@ -189,7 +191,8 @@ class EventDrivenIntegrator(MotionState):
         if self.t - self._checked_time < _PROGRESS * duration:
             names = self.names(self.event_rows)
             raise DivergedError(
-                f"{_PATIENCE} steps and events since t = {self._checked_time:.9g} s led to t = {self.t:.9g} s only, "
+                at_dead_centre(self.system, self.t, self.q)
+                or f"{_PATIENCE} steps and events since t = {self._checked_time:.9g} s led to t = {self.t:.9g} s only, "
                 f"the last on {', '.join(names[:5]) or 'no constraint'}: gaps or forces change too fast there, or "
                 "contradict each other; take a scheme of fixed steps, such as Centered"
             )
@@ -256,11 +259,13 @@ class EventDrivenIntegrator(MotionState):
     def _shorter(self, h: float, factor: float, error: MbviError | None = None) -> float:
         """Return the length of a retried step; raise `error`, or an error of its own, if that is too short."""
         if h * factor < _LEAST_STEP * max(1.0, abs(self.t)):
-            if error is not None:
-                raise error
+            reason = at_dead_centre(self.system, self.t, self.q)
+            if error is not None and not reason:
+                raise error.after(self.t) if isinstance(error, ProjectionError) else error
             names = self.names(self.closed)
             raise DivergedError(
-                f"the step shrinks to nothing at t = {self.t:.6g} s, where {', '.join(names) or 'no constraint'} "
+                reason
+                or f"the step shrinks to nothing at t = {self.t:.6g} s, where {', '.join(names) or 'no constraint'} "
                 f"{'are' if len(names) > 1 else 'is'} closed: the forces are not smooth there"
             )
         return h * factor

@@ -17,6 +17,7 @@ from ...projection import Metric
 from ...system import System
 from ...system.free.bodies import FreeBodies
 from ...system.free.planar import PlanarBodies
+from ...system.loop_margin import with_equalities
 from ...system.system import Array
 from .rows.contact_rows import SmoothRows
 from .stages import SmoothMotion, accelerate, margins_along, stages_of, take_stages
@@ -165,7 +166,7 @@ class Flow:
         self.system, self.rows = problem.system, rows
         self.kernels = stages_of(rows)
         self.modes: Modes | None = None
-        self._turning = turning_columns(problem.system)
+        self._turning, self._held = turning_columns(problem.system), bool(with_equalities(problem.system))
         n = DOP853.n_stages
         # the stages, the result, which is the first stage of the next step, and those of the dense output
         self._weights = np.zeros((n + 4, n + 4))
@@ -293,6 +294,9 @@ class Flow:
         change = weights[i, :i].dot(K[:i])
         dq, speed = change[:nv], v + change[nv : 2 * nv]
         place = self.system.integrate(q, dq)
+        if self._held:
+            # beside a dead centre what is not tangent would change accelerations by itself over the distance
+            speed = self.system.tangent(place, speed)
         K[i, :nv] = self.system.chart_rate(q, dq, speed)
         K[i, nv:] = self.acceleration(t + self._nodes[i] * h, place, speed, closed)
         return place, speed

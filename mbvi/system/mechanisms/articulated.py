@@ -23,7 +23,7 @@ from ..free.spinning import free_links, remove_spin_effects, spin_effects
 from ..given import not_finite
 from ..joint_forces import JointForce, add_row_forces, force_rows, spring_energy
 from ..system import Array, Kinematics, System
-from .equalities import EACH_ITS_OWN, FIRST_FINDS, Equality, equalities_of, write_gaps, write_rows
+from .equalities import EACH_ITS_OWN, FIRST_FINDS, Equality, PointRows, equalities_of, write_gaps, write_rows
 from .joint_tree import JointTree, carriers, joint_tree, place_joints, weigh_joints, write_effects
 from .mechanism import Mechanism, close, dry_friction, mechanism
 from .memory import read_results
@@ -147,7 +147,11 @@ class ArticulatedSystem(System):
         if self.equalities:
             close(self._closing, new)
             if not all_finite(new):
-                raise ProjectionError(f"the loops and couplings of {self.name} cannot be closed after this step", {})
+                raise ProjectionError(
+                    f"{self.widest_open(pin.integrate(self.model, q, dv))} cannot be closed after this step: it is too "
+                    "long, or a loop passes a dead centre",
+                    {},
+                )
         # read-only, so that results computed for this array remain valid
         new.setflags(False)
         self._integrated = new
@@ -192,6 +196,17 @@ class ArticulatedSystem(System):
         self._refresh(q)
         write_gaps(self._closed, self._kinematics.poses, plain_array(q))
         return self._closed.gap.copy()
+
+    def equality_names(self) -> list[str]:
+        """Return the connection or coupling of each equality: points first, as in `Equalities`."""
+        points = [one for one in self.equalities if isinstance(one, PointRows)]
+        joints = [one.name for one in self.equalities if not isinstance(one, PointRows)]
+        return [one.name for one in points for _ in one.normals] + joints
+
+    def widest_open(self, q: Array) -> str:
+        """Return the connection or coupling whose equality is farthest from zero at q."""
+        # written so that a NaN is the farthest
+        return self.equality_names()[int(np.nan_to_num(np.abs(self.gaps(q)), nan=np.inf).argmax())]
 
     def equality_gradients(self, q: Array) -> Array:
         self._refresh(q)
