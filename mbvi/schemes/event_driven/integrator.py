@@ -98,7 +98,8 @@ class EventDrivenIntegrator(MotionState):
             left = end - self.t
             length = min(h, left, self.flow.longest(self.v))
             try:
-                length = beside_dead_centre(self.system, self.q, self.v, length)
+                if self.flow.has_loops:
+                    length = beside_dead_centre(self.system, self.q, self.v, length)
                 step, factor, share, first = self._attempt(a, length)
             except (DivergedError, ProjectionError) as error:
                 # a shorter step may avoid the states where forces are not finite, or loops cannot be closed

@@ -152,6 +152,8 @@ class Flow:
         Modes of closed contacts; None where the problem has no friction.
     kernels : MechanismStages or None
         What takes the stages of one mechanism.
+    has_loops : bool
+        Whether the system has equalities.
 
     Notes
     -----
@@ -166,7 +168,7 @@ class Flow:
         self.system, self.rows = problem.system, rows
         self.kernels = stages_of(rows)
         self.modes: Modes | None = None
-        self._turning, self._held = turning_columns(problem.system), bool(with_equalities(problem.system))
+        self._turning, self.has_loops = turning_columns(problem.system), bool(with_equalities(problem.system))
         n = DOP853.n_stages
         # the stages, the result, which is the first stage of the next step, and those of the dense output
         self._weights = np.zeros((n + 4, n + 4))
@@ -294,7 +296,7 @@ class Flow:
         change = weights[i, :i].dot(K[:i])
         dq, speed = change[:nv], v + change[nv : 2 * nv]
         place = self.system.integrate(q, dq)
-        if self._held:
+        if self.has_loops:
             # beside a dead centre what is not tangent would change accelerations by itself over the distance
             speed = self.system.tangent(place, speed)
         K[i, :nv] = self.system.chart_rate(q, dq, speed)
