@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -101,32 +102,54 @@ def force_on(table: ContactTable, names: ContactNames, name: str, durations: Arr
     parts = names.parts(name)
     # between two parts of one thing the two forces cancel
     signs = [0.0 if s is None else s[2] * ((s[0] in parts) - (s[1] in parts)) for s in names.sides]
-    sign = np.array([*signs, 0.0])[table.constraint]
-    index = np.flatnonzero(sign)
-    return _summed(table, index, sign[index], durations)
+    sign = np.array([*signs, 0.0])
+    index = np.flatnonzero(sign[table.constraint])
+    corrections = table.corrections
+    corrected = None if corrections is None else np.flatnonzero(sign[corrections.constraint])
+    return _summed(table, index, corrected, sign, durations)
 
 
 def forces_between(table: ContactTable, names: ContactNames, durations: Array) -> dict[tuple[str, str], Array]:
     """Return the force and moment on the first of each pair by the second, arrays as `force_on`."""
     pairs = sorted({sides[:2] for sides in names.sides if sides is not None})
     number = {pair: k for k, pair in enumerate(pairs)}
-    pair_of = np.array([*(-1 if s is None else number[s[:2]] for s in names.sides), -1])[table.constraint]
-    sign = np.array([*(0.0 if s is None else s[2] for s in names.sides), 0.0])[table.constraint]
+    pair_of = np.array([*(-1 if s is None else number[s[:2]] for s in names.sides), -1])
+    sign = np.array([*(0.0 if s is None else s[2] for s in names.sides), 0.0])
+    rows = _of_each(pair_of[table.constraint], len(pairs))
+    corrections = table.corrections
+    corrected = [None] * len(pairs) if corrections is None else _of_each(pair_of[corrections.constraint], len(pairs))
+    return {
+        pair: _summed(table, index, others, sign, durations)
+        for pair, index, others in zip(pairs, rows, corrected, strict=True)
+    }
+
+
+def _of_each(pair_of: Array, count: int) -> list[Array]:
+    """Return the rows of each of some pairs, given the pair of each row."""
     order = np.argsort(pair_of, kind="stable")
-    ends = np.searchsorted(pair_of[order], np.arange(len(pairs) + 1))
-    found = {}
-    for pair, begin, end in zip(pairs, ends[:-1], ends[1:], strict=True):
-        index = order[begin:end]
-        found[pair] = _summed(table, index, sign[index], durations)
-    return found
+    ends = np.searchsorted(pair_of[order], np.arange(count + 1))
+    return [order[begin:end] for begin, end in pairwise(ends)]
 
 
-def _summed(table: ContactTable, index: Array, sign: Array, durations: Array) -> Array:
-    """Return force and moment of some rows in ascending order, signed along their normals, shape (n + 1, 6)."""
+def _summed(table: ContactTable, index: Array, corrected: Array | None, sign_of: Array, durations: Array) -> Array:
+    """Return force and moment of some rows, signed along their normals, shape (n + 1, 6).
+
+    Parameters
+    ----------
+    table : ContactTable
+        The contacts.
+    index, corrected : ndarray of int
+        Some of its rows, and some of those of its corrections, ascending.
+    sign_of : ndarray
+        The sign of each constraint.
+    durations : ndarray, shape (n + 1,)
+        Of the intervals [s].
+    """
     total = np.zeros((len(durations), 6))
     # limits and given functions have no place in space
     contact = np.isfinite(table.normal[index, 0])
-    index, sign = index[contact], sign[contact]
+    index = index[contact]
+    sign = sign_of[table.constraint[index]]
     force = (sign * table.percussion[index])[:, None] * table.normal[index]
     if table.tangential is not None:
         force += sign[:, None] * table.tangential[index]
@@ -134,6 +157,10 @@ def _summed(table: ContactTable, index: Array, sign: Array, durations: Array) ->
     if table.angular is not None:
         wrench[:, 3:] += sign[:, None] * table.angular[index]
     interval = np.searchsorted(table.starts, index, side="right") - 1
+    if table.corrections is not None and corrected is not None:
+        starts, constraint, more = table.corrections.starts, table.corrections.constraint, table.corrections.wrench
+        interval = np.concatenate([interval, np.searchsorted(starts, corrected, side="right") - 1])
+        wrench = np.concatenate([wrench, sign_of[constraint[corrected], None] * more[corrected]])
     for k in range(6):
         total[:, k] = np.bincount(interval, wrench[:, k], minlength=len(durations))
     passes = durations > 0.0

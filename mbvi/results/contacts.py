@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,6 +16,35 @@ Array = np.ndarray
 _ROOM = 64
 # where the columns of friction begin
 _FRICTION = 7, 10, 11, 14
+
+
+@dataclass(frozen=True)
+class CorrectionTable:
+    """What the percussions of a run leave out of the momentum of free bodies; see `Step.correction`.
+
+    Attributes
+    ----------
+    starts : ndarray of int, shape (n + 2,)
+        As of `ContactTable`.
+    constraint : ndarray of int, shape (c,)
+        Index of each row's constraint in `ContactTable.names`, each once in an interval.
+    wrench : ndarray, shape (c, 6)
+        Force and moment about the origin, on the body that the normal points to, over the whole interval [N s, N m s].
+    """
+
+    starts: Array
+    constraint: Array
+    wrench: Array
+
+    def __post_init__(self) -> None:
+        for array in (self.starts, self.constraint, self.wrench):
+            array.setflags(write=False)
+
+    def part(self, first: int, end: int) -> CorrectionTable:
+        """Return those of the intervals that end at some of the states."""
+        starts = self.starts[first : end + 1]
+        rows = slice(int(starts[0]), int(starts[-1]))
+        return CorrectionTable(starts - starts[0], self.constraint[rows], self.wrench[rows])
 
 
 @dataclass(frozen=True)
@@ -41,6 +70,8 @@ class ContactTable:
         Which rows stick in all steps of the interval.
     angular : ndarray, shape (k, 3), or None
         As `ContactFriction`, over the whole interval.
+    corrections : CorrectionTable or None
+        What the percussions leave out; None in files of earlier versions.
     """
 
     starts: Array
@@ -53,6 +84,7 @@ class ContactTable:
     slip: Array | None = None
     sticks: Array | None = None
     angular: Array | None = None
+    corrections: CorrectionTable | None = None
 
     def __post_init__(self) -> None:
         for array in (self.starts, self.constraint, *self.columns):
@@ -61,7 +93,7 @@ class ContactTable:
 
     @property
     def columns(self) -> tuple[Array | None, ...]:
-        """The last seven attributes."""
+        """Points, normals and percussions, and the attributes of friction."""
         return self.point, self.normal, self.percussion, self.tangential, self.slip, self.sticks, self.angular
 
     def part(self, first: int, end: int) -> ContactTable:
@@ -69,7 +101,9 @@ class ContactTable:
         starts = self.starts[first : end + 1]
         rows = slice(int(starts[0]), int(starts[-1]))
         columns = (None if values is None else values[rows] for values in self.columns)
-        return ContactTable(starts - starts[0], self.constraint[rows], self.names, *columns)  # type: ignore[arg-type]
+        corrections = None if self.corrections is None else self.corrections.part(first, end)
+        table = ContactTable(starts - starts[0], self.constraint[rows], self.names, *columns)  # type: ignore[arg-type]
+        return replace(table, corrections=corrections)
 
     def interval(self, i: int, duration: float) -> tuple[Contact, ...]:
         """Return the contacts of an interval of the given duration [s]."""
@@ -121,11 +155,19 @@ class ContactLog:
         # first rows of the steps of the present interval, and the end of the last one
         self._begins: list[int] = []
         self._end = 0
+        # what percussions leave out of the present interval, and of those that have ended, by constraint
+        self._left_out: dict[int, Array] = {}
+        self._corrected, self._corrections, self._corrected_starts = list[int](), list[Array](), [0]
 
     def add(
-        self, number: Array, point: Array, normal: Array, percussion: Array, friction: ContactFriction | None = None
-    ) -> None:
-        """Add the rows of a step that have a percussion."""
+        self, number: Array, point: Array, normal: Array, percussion: Array, friction: ContactFriction | None = None,
+        correction: Array | None = None,
+    ) -> None:  # fmt: skip
+        """Add the rows of a step that have a percussion, and `Step.correction`."""
+        if correction is not None:
+            for a in np.flatnonzero(correction.any(axis=1)).tolist():
+                name = int(number[a]) + self.offset
+                self._left_out[name] = self._left_out.get(name, 0.0) + correction[a]
         index = (percussion > 0.0).nonzero()[0]
         if not index.size:
             return
@@ -155,6 +197,10 @@ class ContactLog:
             self._merge()
         self._begins.clear()
         self.starts.append(self._end)
+        self._corrected += self._left_out.keys()
+        self._corrections += self._left_out.values()
+        self._corrected_starts.append(len(self._corrected))
+        self._left_out.clear()
 
     def table(self, name: Callable[[int], str], states: int) -> ContactTable:
         """Return the contacts of the intervals up to as many recorded states."""
@@ -164,14 +210,21 @@ class ContactLog:
         """Return the contacts of the intervals that end at some of the recorded states."""
         starts = np.array(self.starts[first : end + 1])
         rows = slice(int(starts[0]), int(starts[-1]))
-        known, constraint = np.unique(self.number[rows], return_inverse=True)
+        corrected = np.array(self._corrected_starts[first : end + 1])
+        others = slice(int(corrected[0]), int(corrected[-1]))
+        numbers = np.concatenate([self.number[rows], np.array(self._corrected[others], np.int64)])
+        known, constraint = np.unique(numbers, return_inverse=True)
+        constraint, of_corrections = np.split(constraint, [rows.stop - rows.start])
+        wrench = np.array(self._corrections[others]).reshape(-1, 6)
+        corrections = CorrectionTable(corrected - corrected[0], of_corrections, wrench)
         point, normal, percussion, *friction = np.split(self.values[rows].copy(), [3, 6, *_FRICTION], axis=1)
         names = tuple(map(name, known.tolist()))
         more: tuple[Array | None, ...] = ()
         if self._frictional:
             slip, slides, tangential, angular = friction
             more = tangential, slip, slides[:, 0] == 0.0, angular if angular.shape[1] else None
-        return ContactTable(starts - starts[0], constraint, names, point, normal, percussion[:, 0], *more)
+        table = ContactTable(starts - starts[0], constraint, names, point, normal, percussion[:, 0], *more)  # type: ignore[arg-type]
+        return replace(table, corrections=corrections)
 
     def _merge(self) -> None:
         """Merge the rows of each contact of the present interval into one."""

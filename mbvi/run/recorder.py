@@ -210,7 +210,8 @@ class Recorder:
         if self.contacts is not None:
             # percussions of the law at the initial state belong to no interval between states
             if k:
-                self.contacts.add(active.constraint, active.point, active.normal, rates[0], friction_of(step))
+                friction = friction_of(step)
+                self.contacts.add(active.constraint, active.point, active.normal, rates[0], friction, step.correction)
             # before the state, so that an interrupt leaves no state without its contacts
             if keep:
                 self.contacts.close()

@@ -44,6 +44,10 @@ class Step(NamedTuple):
     at_once : callable or None
         Of a scheme whose impacts last two steps: at_once(impacting) takes the rows whose impact begins in this step,
         shape (k,) of bool, and returns the rates that the law (8) would lead to at once, which records of impacts have.
+    correction : ndarray, shape (k, 6), or None
+        Of each row what its percussions leave out of the momentum of free bodies, as a force that acts for the time of
+        the step and its moment about the origin, on the body that the normal points to [N s, N m s]; see
+        `positions.corrections`. None where nothing is left out; further rows have none.
     """
 
     t: float
@@ -54,6 +58,7 @@ class Step(NamedTuple):
     residual: float
     slip: Array | None = None
     at_once: Callable[[Array], Array] | None = None
+    correction: Array | None = None
 
     @property
     def percussion(self) -> Array:

@@ -452,6 +452,10 @@ CALLS = {
         for name in ("keep_the_rest_of_law", "write_acting")
     },
     **{
+        name: [(DEFAULT, struck, ROUGH, 2), (DEFAULT, small_heap, MIXED, 9), (DEFAULT, among_boxes, RESISTS, 3)]
+        for name in ("correct_turn", "correct_displaced", "add_wrenches_of")
+    },
+    **{
         name: [(DEFAULT, struck, ROUGH, 2), (DEFAULT, small_heap, MIXED, 1), (DEFAULT, among_boxes, ROUGH, 1)]
         for name in ("move_parts", "acts_on_free_bodies")
     },

@@ -14,20 +14,29 @@ def momentum(problem, q, v):
     The sizes are sums over bodies of |m u|, and of |x x m u| and |I w|.
     """
     P, L, size, turning = np.zeros(3), np.zeros(3), 0.0, 0.0
+    for one in momenta(problem, q, v):
+        _, p, arm, spin = np.split(one, [1, 4, 7])
+        P, L = P + p, L + np.cross(arm, p) + spin
+        size += np.linalg.norm(p)
+        turning += np.linalg.norm(np.cross(arm, p)) + np.linalg.norm(spin)
+    return P, L, size, turning
+
+
+def momenta(problem, q, v):
+    """Return the mass, the momentum, the centre and the spin of each body, and of each robot as a whole, (n, 10)."""
+    found = []
     for part in problem.system.located_parts():
         system = part.system
         own_q, own_v = q[part.q : part.q + system.nq], v[part.v : part.v + system.nv]
-        for p, arm, spin in _robot(system, own_q, own_v) if system.model is not None else _bodies(system, own_q, own_v):
-            P, L = P + p, L + np.cross(arm, p) + spin
-            size += np.linalg.norm(p)
-            turning += np.linalg.norm(np.cross(arm, p)) + np.linalg.norm(spin)
-    return P, L, size, turning
+        of_part = _robot if system.model is not None else _bodies
+        found += [np.concatenate([[mass], *vectors]) for mass, *vectors in of_part(system, own_q, own_v)]
+    return np.array(found)
 
 
 def _robot(system, q, v):
     data = system.model.createData()
     pin.computeCentroidalMomentum(system.model, data, q, v)
-    yield data.hg.linear, data.com[0], data.hg.angular
+    yield sum(inertia.mass for inertia in system.model.inertias), data.hg.linear, data.com[0], data.hg.angular
 
 
 def _bodies(system, q, v):
@@ -44,4 +53,4 @@ def _bodies(system, q, v):
         if turns:
             R = Rotation.from_quat(places[k, 3:].copy()).as_matrix()
             spin = R @ system.inertias[k] @ speeds[k, 3:]
-        yield mass * speeds[k, :3], places[k, :3], spin
+        yield mass, mass * speeds[k, :3], places[k, :3], spin

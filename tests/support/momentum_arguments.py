@@ -154,6 +154,44 @@ def keep_momentum(rng):
     return table, *as_sparse(J), *others
 
 
+def add_wrenches(rng):
+    """Contacts without friction, with it, and with that of rotations; some constraints have no normal."""
+    k, kind = int(rng.integers(1, 5)), int(rng.integers(0, 3))
+    point, normal = rng.normal(size=(2, k, 3))
+    normal[rng.random(k) < 0.2] = np.nan
+    slip, turn = rng.normal(size=2 * k if kind else 0), rng.normal(size=3 * k if kind == 2 else 0)
+    axes, wrench = rng.normal(size=(k, 2, 3)), rng.normal(size=(k, 6))
+    return point, normal, axes, rng.random(k), slip, turn, rng.normal(), wrench
+
+
+def _normals(rng, J):
+    normal = rng.normal(size=(len(J), 3))
+    normal[rng.random(len(J)) < 0.1] = np.nan
+    return normal
+
+
+def write_ends(rng):
+    table, q, _ = bodies_at(rng)
+    J, n = rows_of(rng, table), len(table.mass)
+    ends, sign = np.zeros((len(J), 2), int), np.zeros((len(J), 2))
+    return table, *as_sparse(J), _normals(rng, J), q, ends, sign, np.zeros(n, bool), np.zeros(n, bool)
+
+
+def add_momenta(rng):
+    table, q, v = bodies_at(rng)
+    return table, q, v, rng.normal(), rng.normal(size=(len(table.mass), 6))
+
+
+def add_displaced_of_rows(rng):
+    table, J, before, w, place, q, v = displaced(rng)
+    return table, J, _normals(rng, J), place, before, w, q, v, *rng.normal(size=(2, len(J), 6))
+
+
+def add_displaced(rng):
+    table, J, *others = add_displaced_of_rows(rng)
+    return table, *as_sparse(J), *others
+
+
 MOMENTUM_ARGUMENTS = {
     kernel.__name__: kernel
     for kernel in (
@@ -172,6 +210,11 @@ MOMENTUM_ARGUMENTS = {
         write_inertias,
         turn_groups,
         keep_momentum,
+        add_wrenches,
+        write_ends,
+        add_momenta,
+        add_displaced,
+        add_displaced_of_rows,
     )
 }
 MOMENTUM_ARGUMENTS["keep_momentum_of_rows"] = displaced

@@ -91,20 +91,39 @@ def check_contacts(
     contacts: dict[str, Array], t: Array, problem: Problem | None, switches: Sequence[Switch] = ()
 ) -> None:
     """Raise `TrajectoryFileError` unless these can be the contacts of a run with states at t."""
-    interval, percussion = contacts["interval"], contacts["percussion"]
-    for name, values in contacts.items():
-        if len(values) != len(interval):
-            raise TrajectoryFileError(f"contacts/{name} has {len(values)} rows; contacts/interval has {len(interval)}")
-    if not len(interval):
+    if not _check_intervals(contacts, "contacts", t):
         return
-    if (np.diff(interval) < 0).any() or interval[0] < 1 or interval[-1] >= len(t):
-        raise TrajectoryFileError("contacts/interval does not ascend within the numbers of the states")
+    percussion = contacts["percussion"]
     if not np.isfinite(percussion).all() or percussion.min() < 0.0:
         raise TrajectoryFileError("contacts/percussion holds numbers that are negative or not finite")
-    if (np.diff(t)[interval - 1] == 0.0).any():
-        raise TrajectoryFileError("contacts/interval names an interval that takes no time")
     _check_places(contacts, "contacts", problem, switches)
     _check_friction(contacts, "contacts", problem)
+
+
+def check_corrections(
+    corrections: dict[str, Array], t: Array, problem: Problem | None, switches: Sequence[Switch] = ()
+) -> None:
+    """Raise `TrajectoryFileError` unless these can be the corrections of a run with states at t."""
+    if not _check_intervals(corrections, "corrections", t):
+        return
+    if not np.isfinite(corrections["wrench"]).all():
+        raise TrajectoryFileError("corrections/wrench holds numbers that are not finite")
+    _check_names(corrections, "corrections", problem, switches)
+
+
+def _check_intervals(rows: dict[str, Array], table: str, t: Array) -> bool:
+    """Raise unless rows can be those of intervals between states at t; return whether there are any."""
+    interval = rows["interval"]
+    for name, values in rows.items():
+        if len(values) != len(interval):
+            raise TrajectoryFileError(f"{table}/{name} has {len(values)} rows; {table}/interval has {len(interval)}")
+    if not len(interval):
+        return False
+    if (np.diff(interval) < 0).any() or interval[0] < 1 or interval[-1] >= len(t):
+        raise TrajectoryFileError(f"{table}/interval does not ascend within the numbers of the states")
+    if (np.diff(t)[interval - 1] == 0.0).any():
+        raise TrajectoryFileError(f"{table}/interval names an interval that takes no time")
+    return True
 
 
 def _check_friction(rows: dict[str, Array], table: str, problem: Problem | None) -> None:
@@ -129,6 +148,11 @@ def _check_places(rows: dict[str, Array], table: str, problem: Problem | None, s
     length = np.linalg.norm(rows["normal"][~normal.any(axis=1)], axis=1)
     if not whole.all() or np.isinf(rows["point"]).any() or (np.abs(length - 1.0) > _UNIT).any():
         raise TrajectoryFileError(f"{table} hold contact points that are not finite, or normals not of length 1")
+    _check_names(rows, table, problem, switches)
+
+
+def _check_names(rows: dict[str, Array], table: str, problem: Problem | None, switches: Sequence[Switch]) -> None:
+    """Raise unless the names of some rows can be those of constraints of the problem."""
     names = {name.decode() for name in set(rows["constraint"].tolist())}
     if problem is not None and CONSTRAINTS_BY_HAND not in problem.not_kept:
         problems = [problem, *(one.problem for one in switches if one.problem is not None)]

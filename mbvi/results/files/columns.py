@@ -78,6 +78,14 @@ CONTACTS = {
     "point": Column("m", "contact point in the world; NaN where the constraint is no contact", (3,)),
     "normal": Column("1", "unit normal in the world, as of impacts", (3,)),
 }
+# what the percussions of contacts leave out of the momentum of free bodies
+CORRECTIONS = {
+    "interval": CONTACTS["interval"],
+    "constraint": CONTACTS["constraint"],
+    "wrench": Column(
+        "N s, N m s", "force and moment about the origin over the time between two states, signed as normals", (6,)
+    ),
+}
 # of runs with friction
 REGIME = Column("1", "stick, slip or open", kind="name")
 IMPACT_FRICTION = {
@@ -98,10 +106,10 @@ RESISTANCE = {
 }
 # where each table of columns lies in the file; contacts in files of runs that recorded them
 TABLES = {"/": STATES, "impacts": IMPACTS}
-RECORDED = {"contacts": CONTACTS}
+RECORDED = {"contacts": CONTACTS, "corrections": CORRECTIONS}
 FRICTION = {"impacts": IMPACT_FRICTION, "contacts": CONTACT_FRICTION}
 # of many rows that are alike
-_COMPRESSED = {"impacts", "contacts"}
+_COMPRESSED = {"impacts", "contacts", "corrections"}
 
 
 class Sums(dict[str, tuple[int, int]]):

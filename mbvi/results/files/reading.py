@@ -20,13 +20,14 @@ from ...scene.items import Force
 from ...scene.saved.description import CONSTRAINTS_BY_HAND, restore
 from ...scene.saved.given_again import Controls, GivenAgain, given_again
 from ...schemes import SCHEMES, SchemeBase, Timing
-from ..contacts import ContactTable
+from ..contacts import ContactTable, CorrectionTable
 from ..run_data import Array, Impact, RunRecord
 from ..trajectory import Trajectory
-from .checks import check_contacts, check_impacts, check_problem, check_states
+from .checks import check_contacts, check_corrections, check_impacts, check_problem, check_states
 from .columns import (
     CONTACT_FRICTION,
     CONTACTS,
+    CORRECTIONS,
     DENSE,
     IMPACT_FRICTION,
     IMPACTS,
@@ -116,11 +117,15 @@ def _read(path: str) -> tuple[Trajectory, ProblemData | None]:
         states = {name: read_column(file, name, column, sizes) for name, column in known.items()}
         impacts = _table(file["impacts"], IMPACTS, IMPACT_FRICTION)
         dense = read_column(file, "dense", DENSE, sizes) if "dense" in file else None
-        contacts = None
+        contacts = corrections = None
         if "contacts" in file:
             contacts = _table(file["contacts"], CONTACTS, CONTACT_FRICTION)
+        # files of earlier versions have none
+        if "corrections" in file:
+            corrections = _table(file["corrections"], CORRECTIONS, {})
+        tables = {"": states, "impacts/": impacts, "contacts/": contacts or {}, "corrections/": corrections or {}}
         found = Sums()
-        for table, columns in (("", states), ("impacts/", impacts), ("contacts/", contacts or {})):
+        for table, columns in tables.items():
             for name, values in columns.items():
                 found.add(table + name, values)
         if dense is not None:
@@ -145,6 +150,8 @@ def _read(path: str) -> tuple[Trajectory, ProblemData | None]:
     check_impacts(impacts, states["t"], metadata, problem, switches)
     if contacts is not None:
         check_contacts(contacts, states["t"], problem, switches)
+    if corrections is not None:
+        check_corrections(corrections, states["t"], problem, switches)
     if problem is not None and kept is not None:
         check_problem(problem, kept, states, metadata, switches)
     t, q, v, penetration, residual = (states[n] for n in ("t", "q", "v", "penetration", "residual"))
@@ -165,7 +172,7 @@ def _read(path: str) -> tuple[Trajectory, ProblemData | None]:
             replace(Timing() if scheme is None else scheme.timing, jump=metadata.jump),
             dense,
             states["energy"] if len(states["energy"]) else None,
-            None if contacts is None else _contacts(contacts, len(t)),
+            None if contacts is None else _contacts(contacts, corrections, len(t)),
             states[_LIMITS],
             switches=switches,
         ),
@@ -287,11 +294,19 @@ def _impacts(columns: dict[str, Array]) -> tuple[Impact, ...]:
     return tuple(impacts)
 
 
-def _contacts(columns: dict[str, Array], states: int) -> ContactTable:
-    names, constraint = np.unique(columns["constraint"], return_inverse=True)
+def _contacts(columns: dict[str, Array], corrections: dict[str, Array] | None, states: int) -> ContactTable:
+    count, known, more = len(columns["interval"]), columns["constraint"], None
+    if corrections is not None:
+        known = np.concatenate([known, corrections["constraint"]])
+    names, constraint = np.unique(known, return_inverse=True)
+    if corrections is not None:
+        starts = np.searchsorted(corrections["interval"], np.arange(states + 1))
+        more = CorrectionTable(starts, constraint[count:], corrections["wrench"])
     starts = np.searchsorted(columns["interval"], np.arange(states + 1))
-    known = tuple(name.decode() for name in names.tolist())
-    table = ContactTable(starts, constraint, known, columns["point"], columns["normal"], columns["percussion"])
+    words = tuple(name.decode() for name in names.tolist())
+    table = ContactTable(
+        starts, constraint[:count], words, columns["point"], columns["normal"], columns["percussion"], corrections=more
+    )
     if "regime" not in columns:
         return table
     sticks = columns["regime"] == b"stick"

@@ -21,6 +21,7 @@ from .checked_file import CheckedFile, reason, uninterrupted
 from .columns import (
     CONTACT_FRICTION,
     CONTACTS,
+    CORRECTIONS,
     DENSE,
     FRICTION,
     IMPACTS,
@@ -158,6 +159,8 @@ class RunFile:
                     rows = contact_rows(contacts.part(start, stop), self.states)
                     columns = CONTACTS | CONTACT_FRICTION | RESISTANCE
                     append_rows(self._file["contacts"], columns, rows, self._sums)
+                    rows = correction_rows(contacts.part(start, stop), self.states)
+                    append_rows(self._file["corrections"], CORRECTIONS, rows, self._sums)
                 self.states += stop - start
                 self.impacts += len(now)
                 self._metadata = replace(self._metadata, notes=tuple(notes), switches=tuple(switches))
@@ -245,6 +248,7 @@ class RunFile:
             tables = [(file, recorded), (file["impacts"], rows)]
             if contacts is not None:
                 tables.append((file["contacts"], contact_rows(contacts, 0)))
+                tables.append((file["corrections"], correction_rows(contacts, 0)))
             for group, values in tables:
                 for name, expected in values.items():
                     if not _same(group[name], np.asarray(expected)):
@@ -278,8 +282,7 @@ def impact_rows(impacts: Sequence[Impact], first: int, more: Collection[str] = (
 
 def contact_rows(table: ContactTable, first: int) -> dict[str, Any]:
     """Return the columns of contacts, their intervals numbered from `first`."""
-    interval = np.repeat(np.arange(first, first + len(table.starts) - 1), np.diff(table.starts))
-    names = encoded(table.names)[table.constraint] if table.names else encoded(())
+    interval, names = _numbered(table, table.starts, table.constraint, first)
     columns = {"percussion": table.percussion, "point": table.point, "normal": table.normal}
     if table.tangential is not None and table.slip is not None and table.sticks is not None:
         regimes = np.array([b"slip", b"stick"])[table.sticks.astype(int)]
@@ -287,6 +290,21 @@ def contact_rows(table: ContactTable, first: int) -> dict[str, Any]:
     if table.angular is not None:
         columns["angular"] = table.angular
     return {"interval": interval, "constraint": names, **columns}
+
+
+def correction_rows(table: ContactTable, first: int) -> dict[str, Any]:
+    """Return the columns of the corrections of contacts, numbered as `contact_rows`."""
+    if table.corrections is None:
+        return {"interval": np.zeros(0, np.int64), "constraint": encoded(()), "wrench": np.zeros((0, 6))}
+    starts, constraint, wrench = table.corrections.starts, table.corrections.constraint, table.corrections.wrench
+    interval, names = _numbered(table, starts, constraint, first)
+    return {"interval": interval, "constraint": names, "wrench": wrench}
+
+
+def _numbered(table: ContactTable, starts: Array, constraint: Array, first: int) -> tuple[Array, Array]:
+    """Return the intervals of some rows, numbered from `first`, and the names of their constraints."""
+    interval = np.repeat(np.arange(first, first + len(starts) - 1), np.diff(starts))
+    return interval, encoded(table.names)[constraint] if table.names else encoded(())
 
 
 def _until(end: float, impact: Impact) -> bool:

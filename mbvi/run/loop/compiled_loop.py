@@ -172,6 +172,7 @@ class CompiledLoop:
             contacts.add(
                 rows.constraint[part], rows.point[part], rows.normal[part], all_rows.percussion[part],
                 None if friction is None else friction.take(part),
+                self._log.correction[part] if len(self._log.correction) else None,
             )  # fmt: skip
             if i % self._every == 0 or i == self._total:
                 contacts.close()
@@ -270,7 +271,8 @@ def mechanism_step(
     return MechanismStep(
         mechanism, problem.free_bodies, state.arrays, memory, scales, control, acted, own, rows, ahead, middle,
         np.zeros(nq), np.zeros(nv), np.zeros(4 * MOST_ROWS), np.zeros(8 * MOST_ROWS if frictional else 0),
-        np.zeros(12 * MOST_ROWS if turns else 0), np.zeros(1),
+        np.zeros(12 * MOST_ROWS if turns else 0), np.zeros(1), np.zeros((MOST_ROWS * scheme.project_positions, 6)),
+        np.zeros(1, np.int64),
     )  # fmt: skip
 
 
@@ -287,7 +289,7 @@ def loop_record(
         np.zeros(CHUNK, bool), np.zeros(_ROWS, np.int64), np.zeros((_ROWS, width)), problem.constraints.lever,
         problem.constraints.limits, np.zeros(4 * MOST_ROWS), *guard.shares,
         *columns_of(problem.constraints, guard.watched), guard.slow_speed, scheme.timing.jump, np.zeros(pairs),
-        np.zeros((3, nv)), np.zeros((2, nq)),
+        np.zeros((3, nv)), np.zeros((2, nq)), np.zeros((_ROWS * scheme.project_positions, 6)),
     )  # fmt: skip
 
 

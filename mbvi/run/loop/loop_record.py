@@ -14,7 +14,7 @@ PLAIN, ROUGH, TURNING = 12, 27, 39
 
 @record(
     "f8[::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], i8[::1], i8[::1], b1[::1], i8[::1], f8[:,::1], f8[::1],"
-    " i8, f8[::1], f8[::1], f8[:,::1], i8[::1], i8[::1], f8[::1], f8, f8, f8[::1], f8[:,::1], f8[:,::1]"
+    " i8, f8[::1], f8[::1], f8[:,::1], i8[::1], i8[::1], f8[::1], f8, f8, f8[::1], f8[:,::1], f8[:,::1], f8[:,::1]"
 )
 class LoopRecord(NamedTuple):
     """The states of a run, and the rows of the steps of one call.
@@ -47,6 +47,8 @@ class LoopRecord(NamedTuple):
         Room for the travel of pairs.
     tangents, places : ndarray, shapes (3, nv) and (2, nq)
         Room for tangent vectors and configurations.
+    correction : ndarray, shape (r, 6)
+        The log of `Step.correction`; of no size where positions are not projected.
     """
 
     t: Array
@@ -73,3 +75,4 @@ class LoopRecord(NamedTuple):
     travel: Array
     tangents: Array
     places: Array
+    correction: Array

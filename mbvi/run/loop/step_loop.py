@@ -48,6 +48,8 @@ def log_rows(s: MechanismStep, log: LoopRecord, begin: int) -> None:
             for r in range(4):
                 for c in range(3):
                     to[27 + 3 * r + c] = s.turn[(r * m + a) * 3 + c]
+        for c in range(6 if len(log.correction) > 0 else 0):
+            log.correction[begin + a, c] = s.correction[a, c] if a < s.corrected[0] else 0.0
 
 
 @kernel(

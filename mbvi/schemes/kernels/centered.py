@@ -163,6 +163,7 @@ def step_of_shared_closings(s: MechanismStep, t: float, q: Array, v: Array, h: f
     glide(s.mechanism, q, v, h, drift, end, w)
     projects = scales.projects
     room.margins[:] = 0.0
+    s.corrected[0] = 0
     if projects:
         write_margins(scales.turn_squares, drift, scales.part, scales.tolerance, scales.length, room.margins)
     s.constraints.given.time[0] = t + h

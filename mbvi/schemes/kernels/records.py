@@ -163,7 +163,7 @@ def room(nq: int, nv: int, equalities: int, parts: int) -> Room:
 
 @record(
     "Mechanism, FreeBodyTable, MechanismConstraints, LawMemory, Scales, ControlTable, i8[::1], Room, RowBuffer,"
-    " RowBuffer, RowBuffer, f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1]"
+    " RowBuffer, RowBuffer, f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:,::1], i8[::1]"
 )
 class MechanismStep(NamedTuple):
     """A mechanism with its constraints, and room for one step.
@@ -190,6 +190,10 @@ class MechanismStep(NamedTuple):
         Receives that of rotations; of no size without torsional and rolling friction.
     residual : ndarray, shape (1,)
         Receives the relative residual of the law.
+    correction : ndarray, shape (MOST_ROWS, 6)
+        Receives `Step.correction`; of no size where positions are not projected.
+    corrected : ndarray of int, shape (1,)
+        Receives of how many rows it is: all or none.
     """
 
     mechanism: Mechanism
@@ -209,3 +213,5 @@ class MechanismStep(NamedTuple):
     slip: Array
     turn: Array
     residual: Array
+    correction: Array
+    corrected: Array

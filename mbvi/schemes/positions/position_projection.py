@@ -15,6 +15,7 @@ from ...system.system import Array
 from ..row_projection import project_rows, slip_rates
 from ..step import Step, advance_gaps, closing_speeds
 from .closed_contacts import Applied, bears_or_sinks, closed_contacts, stays_sunk
+from .corrections import with_corrections
 from .free_impulses import with_gradients_at, with_momentum, without_percussions
 from .least_displacement import Displaced, SunkRows, displacement_of_groups, least_displacement
 from .moved_groups import with_the_rest_of_law
@@ -228,7 +229,8 @@ def _with_tangent_velocity(
     step = _with_bounds(applied, step, rows, lower, projector, start)
     step = step._replace(q=projected.q, residual=max(step.residual, projected.residual))
     step = with_momentum(problem, step, place, before.q, before.v)
-    return with_the_rest_of_law(problem, law, before.v, step, order, projected.displacement)
+    step = with_the_rest_of_law(problem, law, before.v, step, order, projected.displacement)
+    return with_corrections(problem, law, before, step, order, place)
 
 
 def _sticking(problem: Problem, applied: Applied, step: Step) -> Array | None:

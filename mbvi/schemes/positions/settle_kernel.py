@@ -18,6 +18,7 @@ from ..kernels.phases import write_rates_at
 from ..kernels.records import DONE, MechanismStep
 from .bounds_kernel import apply_bounds
 from .closed_kernel import bears_or_sinks, closed_contacts
+from .corrections import correct_displaced, correct_turn
 from .displacement_kernel import IMPOSSIBLE, Sunk, raise_sunk
 from .free_impulses import acts_on_free_bodies, start_of_tangent_law
 from .moved_groups import keep_the_rest_of_law
@@ -236,6 +237,9 @@ def follow(s: MechanismStep, v: Array, half: float, sunk: Sunk, near: RowBuffer,
     write_along_axes(s.slip, s.rows.axes, there.axes, order, slip)
     write_along_axes(s.turn, s.rows.axes, there.axes, order, turn)
     start_of_tangent_law(s, there, order, slip, turn, start)
+    own = np.empty((k if len(s.bodies.mass) > 0 else 0, 6))
+    if len(own) > 0:
+        correct_turn(s, there, order, slip, turn, own)
     code = apply_bounds(s, there, v, start, lower, 2.0 * half)
     if code != DONE:
         return code
@@ -246,6 +250,8 @@ def follow(s: MechanismStep, v: Array, half: float, sunk: Sunk, near: RowBuffer,
         write_rates_at(s, s.rows, s.v, 2)
     if several:
         keep_the_rest_of_law(s, sunk.moved, rates, slip, turn, order)
+    if len(own) > 0:
+        correct_displaced(s, sunk.place, own)
     for j in range(len(s.q)):
         s.q[j] = sunk.place[j]
     return DONE
