@@ -6,16 +6,19 @@ from typing import Any
 
 import numpy as np
 
+from ..compiled import plain_array
 from ..constraints import Rows
 from ..constraints.rows import concatenate, take
 from ..errors import UnsuitableError
 from ..problem import Problem
 from ..projection import Projector
+from ..projection.positions.travel import largest_of_parts, largest_of_rows
 from ..system import Spheres
 from ..system.system import Array
 from .kernels.stewart_trinkle import RETRY_DEPTH, stewart_trinkle_step
 from .positions.end_repair import near_rows, repair
 from .positions.open_gaps import bouncing_velocities, displacing_velocity, open_gaps
+from .positions.reach import groups, largest_of_groups, parts_of_bodies, spread_reach
 from .row_projection import RowProjection, slip_rates
 from .scheme import Scheme, Timing
 from .step import Step
@@ -44,7 +47,7 @@ class StewartTrinkle(Scheme):
     never raises the kinetic energy. At e = 0 an impact ends on the constraint instead of up to h |v-| inside, because
     it is spread over two steps: the first closes the gap, the second removes the remaining velocity. The record holds
     the first and its part of the percussion. At e > 0 an impact comes up to a step early, and leaves a gap. The reach
-    is twice the displacement of the fastest body.
+    is twice the displacement of the fastest body that contacts within reach connect; among many bodies, of all.
 
     Between spheres and half-spaces no gap gets smaller than its linearisation, so that only the residual of the
     projection penetrates. Elsewhere gradients change within a step. A contact of a pair that was out of reach then gets
@@ -78,10 +81,7 @@ class StewartTrinkle(Scheme):
         free_motion = system.free_motion(t, q, v, h)
         lengths = system.are_lengths()
         projector.begin(v[lengths], free_motion.free[lengths])
-        # rows to walls with a prescribed motion are linearised in the middle of the step
-        rows = _at_earlier_time(
-            problem.constraints.active(t + 0.5 * h, q, _reach(problem, q, h * free_motion.free)), 0.5 * h
-        )
+        rows = _rows_within_reach(problem, t, q, h * free_motion.free, h)
         # gradients of many turning bodies change within a step: contacts are then linearised again at its end
         turning = not isinstance(rows.jacobian, np.ndarray) and not lengths.all()
         allowed = RETRY_DEPTH * problem.length if projector.accepted is None else projector.accepted.depth
@@ -107,7 +107,7 @@ class StewartTrinkle(Scheme):
             at_end = (
                 near_rows(problem, end, place, allowed)
                 if heap
-                else problem.constraints.active(end, place, deepest, q, moved)
+                else _deeper_rows(problem, end, place, deepest, q, moved, rows, gap)
             )
             depth = _depths(problem, at_end)
             missed = ~_is_among(at_end.constraint, rows.constraint)
@@ -173,17 +173,63 @@ def _deeper_gaps(gap: Array, rows: Rows, at_end: Rows) -> Array:
     return gap
 
 
-def _reach(problem: Problem, q: Array, displacement: Array) -> float:
-    """Return twice the largest displacement of a body, or infinity where the system names no bodies."""
+def _rows_within_reach(problem: Problem, t: float, q: Array, displacement: Array, h: float) -> Rows:
+    """Return the rows that a step may close, which begins at (t, q) with a free displacement, shape (nv,).
+
+    Rows of many bodies, which are sparse, all have the reach of the fastest one.
+    """
+    part, reach = problem.constraints.part, _reaches(problem, q, displacement)
+    # rows to walls with a prescribed motion are linearised in the middle of the step
+    rows = _at_earlier_time(problem.constraints.active(t + 0.5 * h, q, float(reach.max())), 0.5 * h)
+    if not part[-1] or np.isinf(reach).any() or not isinstance(rows.jacobian, np.ndarray):
+        return rows
+    of_part, near = np.zeros(part[-1] + 1), np.empty(len(rows.gap), bool)
+    np.maximum.at(of_part, parts_of_bodies(problem.system, part), reach)
+    lengths = plain_array(problem.constraints.levers(rows.constraint) * rows.gap)
+    return rows if spread_reach(plain_array(rows.jacobian), lengths, part, of_part, near) else take(rows, near)
+
+
+def _deeper_rows(
+    problem: Problem, t: float, q: Array, deepest: float, origin: Array, moved: Array, rows: Rows, gap: Array
+) -> Rows:
+    """Return the rows at (t, q) that are deeper than all known rows of their group.
+
+    Parameters
+    ----------
+    t, q
+        The end of the step.
+    deepest : float
+        The least gap of all known rows there, and less than what is left [m].
+    origin, moved
+        Where the step begins, and the displacement.
+    rows : Rows
+        The known rows.
+    gap : ndarray, shape (k,)
+        Their gaps at the end, to first order.
+    """
+    part = problem.constraints.part
+    if not part[-1] or not isinstance(rows.jacobian, np.ndarray):
+        return problem.constraints.active(t, q, deepest, origin, moved)
+    found = problem.constraints.active(t, q, -problem.tolerance, origin, moved)
+    if not len(found.gap):
+        return found
+    depth = largest_of_groups(-problem.constraints.levers(rows.constraint) * gap, groups(problem, rows))
+    least = largest_of_parts(found.jacobian, part, largest_of_rows(rows.jacobian, part, depth))
+    deeper = _depths(problem, found) >= least + 1e-12 * problem.length
+    return found if deeper.all() else take(found, deeper)
+
+
+def _reaches(problem: Problem, q: Array, displacement: Array) -> Array:
+    """Return twice the displacement of each body, or infinity where the system names no bodies, shape (n,) [m]."""
     system = problem.system
     bodies = np.arange(1, len(system.bodies))
     if not bodies.size:
-        return np.inf
+        return np.full(1, np.inf)
     if isinstance(system, Spheres):
         apart = displacement.reshape(len(bodies), -1)
-        return 2.0 * float(np.sqrt((apart**2).sum(axis=1).max())) + problem.tolerance
+        return 2.0 * np.sqrt((apart**2).sum(axis=1)) + problem.tolerance
     shift = system.placements(system.integrate(q, displacement), bodies) - system.placements(q, bodies)
     # a turn moves a point of a body by at most the change of its rotation matrix times the scene's length
     turned = np.sqrt((shift[:, :3] ** 2).sum(axis=(1, 2)))
     far = np.sqrt((shift[:, 3] ** 2).sum(axis=1)) + problem.length * turned
-    return 2.0 * float(far.max()) + problem.tolerance
+    return 2.0 * far + problem.tolerance

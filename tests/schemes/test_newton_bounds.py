@@ -9,6 +9,7 @@ import mbvi
 from mbvi import packing
 from mbvi.projection import Projector
 from mbvi.schemes.positions.newton_bounds import newton_bounds
+from mbvi.schemes.positions.reach import groups
 from mbvi_studies.chart.errors import fitted_order, path_errors, worst_errors
 from support.orders import STEPS
 
@@ -69,7 +70,7 @@ def test_bounds_are_met_by_the_reversed_velocity(seed):
     problem, _, _ = linear_walls(rng, 4, m, rng.random(m), gaps, force=100.0)
     rows = problem.constraints.active(0.0, problem.q0, 1.0)
     motion, e = problem.system.free_motion(0.0, problem.q0, problem.v0, H), rows.restitution
-    bounds = newton_bounds(problem, rows, problem.v0, H, motion)
+    bounds = newton_bounds(problem, rows, problem.v0, H, motion, groups(problem, rows))
     s = e[bounds.impact].max(initial=0.0)
     assert (-s * rows.speeds(problem.v0) >= bounds.lower - 1e-14)[~bounds.open].all()
     assert not (bounds.impact & bounds.open).any()

@@ -12,6 +12,7 @@ from support.paths import ROBOTS
 H, EDGE = 2e-3, 0.2
 SCHEMES = [
     mbvi.Centered(project_positions=True), mbvi.Centered(), mbvi.MoreauJean(), mbvi.Paoli(project_positions=True),
+    mbvi.StewartTrinkle(),
 ]  # fmt: skip
 
 
@@ -94,7 +95,7 @@ def test_each_step_is_that_of_each_part_alone(scheme, e, friction):
 
 
 @pytest.mark.parametrize("e", [0.0, 0.5])
-@pytest.mark.parametrize("scheme", SCHEMES[:2], ids=str)
+@pytest.mark.parametrize("scheme", [*SCHEMES[:2], SCHEMES[-1]], ids=str)
 def test_a_run_in_kernels_is_that_of_each_part_alone(scheme, e):
     """As far as rounding has not grown."""
     together = mbvi.simulate(build(PARTS, e, 0.5, seed=2), scheme, step=H, duration=20 * H)

@@ -472,9 +472,13 @@ CALLS = {
     **{
         name: [(PILES, hopper, BOUNCY, 30), (PILES, swaying, ROUGH, 50), (PILES, swaying, MIXED, 9)]
         for name in (
-            "reach_of", "write_bounds", "project_bounds", "depth_of_residual",
-            "displacing_velocity", "write_rates", "lower_to_the_end",
+            "write_reach", "write_bounds", "project_bounds", "write_residual_depths",
+            "displacing_velocity", "write_rates", "lower_to_the_end", "mark_deep",
         )
+    },
+    **{
+        name: [(PILES, two_hoppers, BOUNCY, 30), (PILES, among_boxes, ROUGH, 9), (PILES, small_heap, MIXED, 40)]
+        for name in ("has_groups", "take_within_reach", "take_deeper")
     },
     **{
         name: [(DEFAULT, swaying, ROUGH, 12), (DEFAULT, struck, MIXED, 40), (DEFAULT, swaying, BOUNCY, 30)]

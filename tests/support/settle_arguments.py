@@ -40,6 +40,19 @@ def write_largest_of_rows(rng):
     return J, part, rng.random(len(J)), np.ones(6)
 
 
+def spread_reach(rng):
+    J, part = _rows_of_parts(rng)
+    return J, rng.random(len(J)), part, rng.random(6), np.ones(len(J), bool)
+
+
+def write_largest_of_groups(rng):
+    k = int(rng.integers(1, 9))
+    group = np.array([rng.integers(0, a + 1) for a in range(k)])
+    for a in range(k):
+        group[a] = group[group[a]]
+    return rng.normal(size=k), group, np.ones(k)
+
+
 def find_moved_groups(rng):
     """Six parts of two velocities, connected by some rows."""
     k, part = int(rng.integers(0, 7)), np.repeat(np.arange(6), 2)
@@ -63,6 +76,6 @@ def write_along_axes(rng):
 
 GIVEN = (
     write_travels_of_parts, write_bends, write_margins, mark_unknown, write_largest_of_parts, write_largest_of_rows,
-    find_moved_groups, restore_columns, write_along_axes,
+    find_moved_groups, restore_columns, write_along_axes, spread_reach, write_largest_of_groups,
 )  # fmt: skip
 SETTLE_ARGUMENTS = {kernel.__name__: kernel for kernel in GIVEN}

@@ -21,6 +21,7 @@ from ...schemes.contact_friction import friction_of
 from ...schemes.kernels.records import DONE, LawMemory, MechanismStep, Scales, room
 from ...schemes.observer import contacts_of_step
 from ...schemes.positions.nearby_rows import linear_reach
+from ...schemes.positions.reach import parts_of_bodies
 from ...schemes.step import STILL
 from ...system.mechanisms.joined import joined
 from ...system.mechanisms.mechanism import Mechanism
@@ -263,8 +264,8 @@ def mechanism_step(
     late = np.concatenate([np.full(part.nv, part.velocity_dependent) for part in parts])
     late, part = late if late.any() else late[:0], constraints.part
     scales = Scales(
-        problem.tolerance, problem.length, residual, squares, turn_squares, late, part, linear_reach(problem),
-        theta, scheme.project_positions, system.loaded,
+        problem.tolerance, problem.length, residual, squares, turn_squares, late, part, parts_of_bodies(system, part),
+        linear_reach(problem), theta, scheme.project_positions, system.loaded,
     )  # fmt: skip
     rows, ahead, middle = (row_buffer(nv, frictional, turns) for _ in range(3))
     own = room(nq, nv, len(mechanism.mass) - nv, part[-1] + 1)

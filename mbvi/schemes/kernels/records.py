@@ -38,7 +38,7 @@ class LawMemory(NamedTuple):
     size: Array
 
 
-@record("f8, f8, f8, f8[:,::1], f8[:,::1], b1[::1], i8[::1], f8[::1], f8, b1, b1")
+@record("f8, f8, f8, f8[:,::1], f8[:,::1], b1[::1], i8[::1], i8[::1], f8[::1], f8, b1, b1")
 class Scales(NamedTuple):
     """Numbers of a problem and of a scheme.
 
@@ -54,6 +54,8 @@ class Scales(NamedTuple):
         The velocities at which `Centered` evaluates forces half a step later; of no size where there are none.
     part : ndarray of int, shape (nv,)
         See `independent_parts`.
+    part_of_body : ndarray of int, shape (n,)
+        See `parts_of_bodies`.
     reach : ndarray, shape (parts,)
         See `linear_reach`.
     theta : float
@@ -71,6 +73,7 @@ class Scales(NamedTuple):
     turn_squares: Array
     late: Array
     part: Array
+    part_of_body: Array
     reach: Array
     theta: float
     projects: bool
@@ -105,7 +108,8 @@ class Room(NamedTuple):
     table : ndarray, shape (8 MOST_ROWS,)
         Several numbers of each row.
     margins : ndarray, shape (parts,)
-        Of each mechanism and free body how far beyond the tolerance rows are known, less twice `Scales.reach` [m].
+        Of each mechanism and free body how far beyond the tolerance rows are known, less twice `Scales.reach`; of
+        `StewartTrinkle` its reach [m].
     bouncing : ndarray, shape (parts,)
         See `parts_that_bounce`.
     known : ndarray of int, shape (1,)

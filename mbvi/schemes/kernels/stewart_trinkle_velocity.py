@@ -11,6 +11,7 @@ from ...projection.dense.robot_step import solve_active_set
 from ...projection.row_speeds import row_speeds
 from ...projection.tree import solve
 from ...system.system import Array
+from ..positions.reach import write_largest_of_groups
 from ..step import STILL
 from .joint_friction import bounded_coulomb, joints_with_friction
 from .records import DONE, UNSOLVED, MechanismStep
@@ -23,7 +24,7 @@ def write_bounds(s: MechanismStep, v: Array, h: float, bound: Array, lower: Arra
     Parameters
     ----------
     s : MechanismStep
-        With the rows, and the free motion of v in its room.
+        With the rows, their groups (`room.owner`), and the free motion of v in its room.
     v : ndarray, shape (nv,)
         Velocity before.
     h : float
@@ -31,25 +32,27 @@ def write_bounds(s: MechanismStep, v: Array, h: float, bound: Array, lower: Arra
     bound, lower : ndarray, shape (k,)
         Receive the mask and the rates.
     """
-    rows, free, largest, some, bounces = s.rows, s.room.free, 0.0, False, False
-    for a in range(rows.size[0]):
+    rows, free, k, some, bounces = s.rows, s.room.free, s.rows.size[0], False, False
+    restitution, largest = np.zeros(k), np.empty(k)
+    for a in range(k):
         before, slow = 0.0, STILL * s.scales.length / rows.lever[a]
-        for k in range(len(v)):
-            before += rows.J[a, k] * v[k]
-            slow += 2.0 * abs(rows.J[a, k]) * abs(free[k] - v[k])
+        for j in range(len(v)):
+            before += rows.J[a, j] * v[j]
+            slow += 2.0 * abs(rows.J[a, j]) * abs(free[j] - v[j])
         touching, e = s.scales.tolerance / rows.lever[a], rows.e[a]
         impact = e > 0.0 and rows.gap[a] + h * before <= touching and before < -slow
         gap = max(rows.gap[a], 0.0)
         lower[a], bound[a] = -e * before if impact else -gap / h, not (e > 0.0 and not impact and gap > h * slow)
         s.room.near[a], s.room.change[a], bounces = impact, before, bounces or e > 0.0
         if impact:
-            some, largest = True, max(largest, e)
-    for a in range(rows.size[0] if some else 0):
-        if not s.room.near[a]:
+            some, restitution[a] = True, e
+    write_largest_of_groups(restitution, s.room.owner[:k], largest)
+    for a in range(k if some else 0):
+        if not s.room.near[a] and largest[a] > 0.0:
             gap = max(rows.gap[a], 0.0)
             # bodies that touch to within the tolerance pass impacts on without loss
             gap = gap if gap > s.scales.tolerance / rows.lever[a] else 0.0
-            lower[a] = min(-gap / h, -largest * s.room.change[a])
+            lower[a] = min(-gap / h, -largest[a] * s.room.change[a])
     return bounces
 
 
@@ -129,32 +132,59 @@ def project_bounds(s: MechanismStep, bound: Array, lower: Array, h: float) -> in
     return DONE
 
 
-@kernel("f8(MechanismStep, f8[::1], f8[::1])")
-def open_the_gaps(s: MechanismStep, lower: Array, w: Array) -> float:
-    """Write the velocity w nearest to `s.v` with rates of all rows of at least `lower`, without friction.
+@kernel("f8(MechanismStep, b1[::1], f8[::1], f8[::1])")
+def open_the_gaps(s: MechanismStep, chosen: Array, lower: Array, w: Array) -> float:
+    """Write the velocity w nearest to `s.v` with rates of the chosen rows of at least `lower`, without friction.
 
     Return the residual, NaN or infinite where it is not solved.
     """
-    room, k = s.room, s.rows.size[0]
-    J, W, A, table = s.rows.J[:k], room.W[:k], room.A[:k], room.table[: 3 * k].reshape((3, k))
+    room, some = s.room, s.middle
+    least = some.gap
+    some.size[0] = 0
+    for a in range(s.rows.size[0]):
+        if chosen[a]:
+            copy_row(s.rows, a, some)
+            least[some.size[0] - 1] = lower[a]
+    k = some.size[0]
+    J, W, A, table = some.J[:k], room.W[:k], room.A[:k], room.table[: 3 * k].reshape((3, k))
     solve(room.L, s.mechanism.parent, J, W, A)
     found = solve_active_set(
-        J, A, W, s.v, lower, lower[:0], 0.0 if k <= FEW else 1e-3 * s.scales.residual, w, table
+        J, A, W, s.v, least[:k].copy(), lower[:0], 0.0 if k <= FEW else 1e-3 * s.scales.residual, w, table
     )  # fmt: skip
     return found if found >= 0.0 else np.inf
 
 
-@kernel("f8(MechanismStep, f8[::1], f8, f8[::1])")
-def depth_of_residual(s: MechanismStep, v: Array, h: float, change: Array) -> float:
-    """Return the penetration that the residual of a projection of v may leave [m], and the tolerance; write J v.
+@kernel("void(MechanismStep, f8[::1], f8, f8[::1], f8[::1])")
+def write_residual_depths(s: MechanismStep, v: Array, h: float, change: Array, left: Array) -> None:
+    """Write the penetration that the residual of a projection of v may leave each row [m], and the tolerance; and J v.
 
-    `v` and `change` have the shapes (nv,) and (k,).
+    `v` has the shape (nv,), `change` and `left` have (k,). A group of rows (`room.owner`) has one value.
     """
-    nearest = fastest = 0.0
+    k, group = len(change), s.room.owner[: len(change)]
+    size, nearest = np.empty(k), np.empty(k)
     row_speeds(s.rows.J, v, 1.0, change)
-    for a in range(len(change)):
-        nearest, fastest = max(nearest, abs(s.rows.gap[a])), max(fastest, abs(change[a]))
-    return 2.0 * h * s.scales.residual * (fastest + nearest / h) + s.scales.tolerance
+    for a in range(k):
+        size[a] = abs(s.rows.gap[a])
+    write_largest_of_groups(size, group, nearest)
+    for a in range(k):
+        size[a] = abs(change[a])
+    write_largest_of_groups(size, group, left)
+    for a in range(k):
+        left[a] = 2.0 * h * s.scales.residual * (left[a] + nearest[a] / h) + s.scales.tolerance
+
+
+@kernel("b1(MechanismStep, f8[::1], f8[::1], b1[::1])")
+def mark_deep(s: MechanismStep, gap: Array, left: Array, deep: Array) -> bool:
+    """Mark the groups in which some gap is below what is left, all shapes (k,); return whether there are any."""
+    k, some = len(gap), False
+    below, of_group = np.empty(k), np.empty(k)
+    for a in range(k):
+        below[a] = 1.0 if gap[a] < -left[a] else 0.0
+        some = some or gap[a] < -left[a]
+    write_largest_of_groups(below, s.room.owner[:k], of_group)
+    for a in range(k):
+        deep[a] = of_group[a] > 0.0
+    return some
 
 
 @kernel("Tuple((i8, b1, f8))(MechanismStep, f8[::1], f8, b1[::1], f8[::1])")
@@ -182,11 +212,12 @@ def displacing_velocity(s: MechanismStep, v: Array, h: float, bound: Array, lowe
         That of this velocity.
     """
     rows, room, k, w = s.rows, s.room, s.rows.size[0], s.room.tangent
-    gap, change, deepest, first_order = room.gap[:k], room.opened[:k], 0.0, 0.0
-    bounces, left = write_bounds(s, v, h, bound, lower), depth_of_residual(s, room.free, h, change)
+    gap, change, left, deep = room.gap[:k], room.opened[:k], np.empty(k), np.empty(k, np.bool_)
+    bounces = write_bounds(s, v, h, bound, lower)
+    write_residual_depths(s, room.free, h, change, left)
+    sunk = mark_deep(s, rows.gap[:k], left, deep) and not bounces
     for a in range(k):
-        deepest, gap[a] = min(deepest, rows.gap[a]), -rows.gap[a] / h
-    sunk = not bounces and deepest < -left
+        gap[a] = -rows.gap[a] / h if deep[a] else lower[a]
     code, residual = project_bounds(s, bound, gap if sunk else lower, h), s.residual[0]
     for j in range(len(v)):
         w[j] = s.v[j]
@@ -194,11 +225,13 @@ def displacing_velocity(s: MechanismStep, v: Array, h: float, bound: Array, lowe
         return code, sunk, residual
     row_speeds(rows.J, w, h, change)
     for a in range(k):
-        first_order = min(first_order, rows.gap[a] + change[a])
-    if first_order < -left:
+        gap[a] = rows.gap[a] + change[a]
+    closed = np.empty(k, np.bool_)
+    if mark_deep(s, gap, left, closed):
         # a contact that bounces would close another one
-        if not deepest < -depth_of_residual(s, w, h, change):
-            for a in range(k):
-                gap[a] = -max(rows.gap[a], 0.0) / h
-        residual = open_the_gaps(s, gap, w)
+        write_residual_depths(s, w, h, change, left)
+        mark_deep(s, rows.gap[:k], left, deep)
+        for a in range(k):
+            gap[a] = -(rows.gap[a] if deep[a] else max(rows.gap[a], 0.0)) / h
+        residual = open_the_gaps(s, closed, gap, w)
     return DONE if residual < np.inf else UNSOLVED, False, residual

@@ -11,6 +11,7 @@ from ...problem import Problem
 from ...projection import FreeMotion, TreeFreeMotion
 from ...system.system import Array
 from ..step import still_rates
+from .reach import largest_of_groups
 
 
 class NewtonBounds(NamedTuple):
@@ -32,14 +33,14 @@ class NewtonBounds(NamedTuple):
 
 
 def newton_bounds(
-    problem: Problem, rows: Rows, v: Array, h: float, motion: FreeMotion | TreeFreeMotion
+    problem: Problem, rows: Rows, v: Array, h: float, motion: FreeMotion | TreeFreeMotion, group: Array
 ) -> NewtonBounds:
     """Return the bounds of the velocity after a step of length h from the velocity v.
 
     A row with e > 0 that v closes within the step has an impact if its approach is faster than what twice the forces of
     the step explain where they act on one of its bodies only: J w >= -e J v. Slower contacts rest. A row that rests and
-    one with e = 0 have J w >= min(-max(f, 0) / h, -s J v), where s is the largest e of all impacts. An open row with
-    e > 0 has no bound: the impact that ends its approach must find the whole speed.
+    one with e = 0 have J w >= min(-max(f, 0) / h, -s J v), where s is the largest e of the impacts in its group. An
+    open row with e > 0 has no bound: the impact that ends its approach must find the whole speed.
 
     Parameters
     ----------
@@ -53,10 +54,12 @@ def newton_bounds(
         Time step [s].
     motion : FreeMotion or TreeFreeMotion
         Free motion of v.
+    group : ndarray of int, shape (k,)
+        See `groups`.
 
     Notes
     -----
-    Without forces -s v meets all bounds. The projection w of v onto a convex set with -s v has
+    Without forces -s v meets all bounds of a group. The projection w of v onto a convex set with -s v has
     (w - v)' M (w + s v) <= 0, hence (|w| - |v|) (|w| + s |v|) <= 0: the kinetic energy never rises, also where contacts
     have different e.
     """
@@ -65,10 +68,10 @@ def newton_bounds(
     touching = problem.tolerance / problem.constraints.levers(rows.constraint)
     impact = (e > 0.0) & (rows.gap + h * before <= touching) & (before < -slow)
     gap = np.maximum(rows.gap, 0.0)
+    lower = -gap / h
     if impact.any():
+        largest = largest_of_groups(np.where(impact, e, 0.0), group)
         # bodies that touch to within the tolerance pass impacts on without loss
-        gap = np.where(gap > touching, gap, 0.0)
-        lower = np.where(impact, -e * before, np.minimum(-gap / h, -e[impact].max() * before))
-    else:
-        lower = -gap / h
+        passing = np.minimum(-np.where(gap > touching, gap, 0.0) / h, -largest * before)
+        lower = np.where(impact, -e * before, np.where(largest > 0.0, passing, lower))
     return NewtonBounds(lower, impact, (e > 0.0) & ~impact & (gap > h * slow))
