@@ -6,6 +6,7 @@ from scipy.spatial.transform import Rotation
 
 import mbvi
 from mbvi.projection import Projector
+from mbvi.run.fixed_steps import taking
 from mbvi.system import located_parts
 from support.paths import ROBOTS
 
@@ -104,3 +105,57 @@ def test_a_run_in_kernels_is_that_of_each_part_alone(scheme, e):
         q, v = own_places(together.problem, alone.problem.system.bodies[1:])
         np.testing.assert_allclose(together.q[:, q], alone.q, rtol=0, atol=1e-11)
         np.testing.assert_allclose(together.v[:, v], alone.v, rtol=0, atol=1e-9)
+
+
+BALLS = {
+    "struck": ((0.0, 0.0, 0.101), (0.0, 0.0, -3.0)),
+    "rising": ((2.0, 0.0, 0.1), (0.0, 0.0, 0.005)),
+    "left": ((4.0, 0.0, 0.1), (0.0, 0.0, 0.0)),
+    "right": ((4.21, 0.0, 0.1), (0.0, 0.0, 0.0)),
+    "bullet": ((6.0, 0.0, 9.0), (100.0, 0.0, 0.0)),
+}
+GROUPS = [["struck"], ["rising"], ["left", "right"], ["bullet"]]
+
+
+def on_a_floor(names):
+    """Balls, of which one strikes, one rises and is pulled back, two rest with a gap, and one is fast."""
+    scene = mbvi.Scene(restitution=0.5)
+    scene.add_halfspace((0, 0, 1), name="floor")
+    for name in names:
+        scene.add_sphere(0.1, mass=1.0, position=BALLS[name][0], velocity=BALLS[name][1], name=name)
+    return scene.build()
+
+
+@pytest.mark.parametrize("compiled", [False, True])
+def test_impacts_and_speed_elsewhere_do_not_change_a_step_of_piles(compiled, monkeypatch):
+    """Bounds beside an impact have its e, and contacts of slow bodies far apart get no rows."""
+    if not compiled:
+        monkeypatch.setattr(taking, "compiled_loop", lambda *_: None)
+    scheme = mbvi.StewartTrinkle()
+    together = mbvi.simulate(on_a_floor(BALLS), scheme, step=H, duration=H, progress=False)
+    for names in GROUPS:
+        alone = mbvi.simulate(on_a_floor(names), scheme, step=H, duration=H, progress=False)
+        q, v = own_places(together.problem, alone.problem.system.bodies[1:])
+        np.testing.assert_allclose(together.q[:, q], alone.q, rtol=0, atol=1e-14)
+        np.testing.assert_allclose(together.v[:, v], alone.v, rtol=0, atol=1e-13)
+    # the one that rises is caught by the floor, by hand: its gap is zero and may not fall
+    _, v = own_places(together.problem, ["rising"])
+    np.testing.assert_allclose(together.v[-1, v], 0.0, rtol=0, atol=1e-13)
+
+
+def test_depth_and_speed_elsewhere_do_not_change_a_step_of_piles():
+    """A depth that is left is not removed because another one is, and both have the same rows as alone."""
+    scheme, together = mbvi.StewartTrinkle(), on_a_floor(BALLS)
+    q0, v0 = together.q0.copy(), together.v0.copy()
+    for name, depth in (("struck", 1e-5), ("left", 0.5 * together.tolerance)):
+        q, v = own_places(together, [name])
+        q0[q[2]], v0[v] = 0.1 - depth, 0.0
+    step, rows = scheme.step(together, 0.0, q0, v0, H, Projector(1e-9)), 0
+    for names in GROUPS:
+        problem = on_a_floor(names)
+        q, v = own_places(together, problem.system.bodies[1:])
+        one = scheme.step(problem, 0.0, q0[q], v0[v], H, Projector(1e-9))
+        np.testing.assert_allclose(step.q[q], one.q, rtol=0, atol=1e-14)
+        np.testing.assert_allclose(step.v[v], one.v, rtol=0, atol=1e-13)
+        rows += len(one.active.gap)
+    assert len(step.active.gap) == rows
