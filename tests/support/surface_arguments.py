@@ -6,7 +6,7 @@ import pinocchio as pin
 from mbvi.geometry.closed_form.cores_at_mesh import CoresAtMesh, place_core
 from mbvi.geometry.closed_form.mesh_tree import narrow_cone, triangles_in_box
 from mbvi.geometry.closed_form.near_features import list_features
-from mbvi.geometry.closed_form.surface_rows import all_rows
+from mbvi.geometry.closed_form.surface_rows import all_rows, lowest_of_rims
 from mbvi.geometry.meshes.creases import creases_of
 from mbvi.geometry.meshes.triangles import Surface
 from mbvi.geometry.shapes.convex_cores import cores_of
@@ -208,6 +208,14 @@ def rims(rng):
         scene.places[0, :3] = wheel.rotation
     cores, t = cores_of([wheel], np.zeros(1, np.int64)), scene.triangle()
     return scene.places, scene.mesh, cores, 0, t, np.zeros((len(cores.points) + 2, 3)), scene.middle
+
+
+def rim_is_beyond(rng):
+    """A cylinder whose lowest points are known."""
+    places, mesh, cores, s, t, points, middle = rims(rng)
+    place_core(places, cores, s, points, np.zeros((len(cores.faces), 4)), middle)
+    lowest_of_rims(places, mesh, cores, s, t, points, middle)
+    return Scene(rng).at()._replace(mesh=mesh, cores=cores, points=points), s, t, int(rng.integers(96)), middle
 
 
 def rim_clearance(rng):
@@ -486,6 +494,7 @@ SURFACE_ARGUMENTS = {
     "_add": add,
     "vertex_row": vertex_row,
     "lowest_of_rims": rims,
+    "rim_is_beyond": rim_is_beyond,
     "sharp_row": sharp_row,
     "round_rows": round_rows,
     "all_rows": every_row,

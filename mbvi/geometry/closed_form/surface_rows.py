@@ -6,7 +6,7 @@ import numpy as np
 
 from ...arguments import Array
 from ...compiled import kernel
-from ..meshes.creases import Creases
+from ..meshes.creases import RIDGE, Creases
 from ..narrow.spread import BESIDE, FEW_POINTS, FLAT, few_corners, one_face, spread_out
 from ..shapes.convex_cores import Cores
 from ..shapes.shapes import TILTED
@@ -58,7 +58,9 @@ def vertex_row(at: CoresAtMesh, s: int, t: int, i: int, middle: Array, tolerance
     if radius > 0.0 and height > 0.0:
         touches = above_triangle(mesh, t, points, i, at.eps)
     else:
-        touches = on_triangle(mesh, middle, t, points, i, height, inner, _MARGIN * inner, at.eps)
+        # the lowest point of a rim over the other side of a ridge is another one: both would give way to each other
+        deep = height if i < at.cores.first_point[s + 1] - at.cores.first_point[s] else max(height, 0.0)
+        touches = on_triangle(mesh, middle, t, points, i, deep, inner, _MARGIN * inner, at.eps)
     if not touches:
         return count
     for c in range(3):
@@ -91,6 +93,24 @@ def lowest_of_rims(
     points[number, 0], points[number, 1], points[number, 2] = x - ax, y - ay, z - az
     points[number + 1, 0], points[number + 1, 1], points[number + 1, 2] = x + ax, y + ay, z + az
     return True
+
+
+@kernel("b1(CoresAtMesh, i8, i8, i8, f8[::1])")
+def rim_is_beyond(at: CoresAtMesh, s: int, t: int, i: int, middle: Array) -> bool:
+    """Return whether the lowest point over triangle t of the rim of vertex i lies beyond a ridge of the triangle.
+
+    The vertices of the prism within the rim stand for it there: their rows are those that an edge across the ridge
+    gives way to. The lowest points of both rims are behind the vertices, see `lowest_of_rims`.
+    """
+    points, number, along = at.points, at.cores.first_point[s + 1] - at.cores.first_point[s], 0.0
+    for c in range(3):
+        along += (points[number + 1, c] - points[number, c]) * (points[i, c] - middle[c])
+    lowest = number + 1 if along > 0.0 else number
+    x, y, z = points[lowest, 0], points[lowest, 1], points[lowest, 2]
+    for k in range(3):
+        if at.mesh.bend[t, k] == RIDGE and above(at.mesh.planes, t, 1 + k, x, y, z) < -at.eps:
+            return True
+    return False
 
 
 @kernel("i8(CoresAtMesh, i8, i8, i8, i8, f8[::1], f8, i8)")
@@ -203,9 +223,9 @@ def all_rows(at: CoresAtMesh, places: Array, s: int, tolerance: float) -> tuple[
         if far > most:
             continue
         if k >= ON_IT:
-            # a rim that is tilted stands on its lowest point only
+            # a rim that is tilted stands on its lowest point only, where that is not beyond a ridge
             tilted = cores.rims[s, 3] > 0.0 and lowest_of_rims(places, at.mesh, cores, s, t, at.points, middle)
-            if k == ON_IT and not tilted:
+            if k == ON_IT and (not tilted or rim_is_beyond(at, s, t, e, middle)):
                 count = vertex_row(at, s, t, e, middle, tolerance, count)
             elif k == ON_RIM and tilted:
                 e = cores.first_point[s + 1] - cores.first_point[s]
