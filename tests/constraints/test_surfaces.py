@@ -356,10 +356,12 @@ _TURN = np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False)
 _RING, _ANGLES = np.column_stack([np.cos(_TURN), np.sin(_TURN)]), np.linspace(0.0, 0.5 * np.pi, 3)
 _CAP = np.concatenate([0.05 * np.column_stack([np.cos(a) * _RING, np.full(12, np.sin(a))]) for a in _ANGLES])
 _HALVES = np.array([[0.0, 0.0, 0.15]]), np.array([[1.0, 1.0, -1.0]])
+_PRISM = 2.0 * np.pi * np.arange(48) / 48
 POINTS = {
     "box": CORNERS * [0.2, 0.15, 0.1],
     "hull": np.concatenate([np.column_stack([np.full(6, x), 0.1 / np.sqrt(3) * _RING[::2]]) for x in (-0.1, 0.1)]),
     "capsule": np.concatenate([_CAP + _HALVES[0], (_CAP + _HALVES[0]) * _HALVES[1]]),
+    "cylinder": np.array([(0.08 * np.cos(a), 0.08 * np.sin(a), z) for a in _PRISM for z in (-0.05, 0.05)]),
 }
 # the depth of an impact over h |v| as docs/howto/schemes.md states it
 DEEPEST = [(mbvi.Paoli(), 1.0), (mbvi.Centered(), 0.5), (mbvi.Centered(project_positions=True), 0.5)]
