@@ -238,3 +238,28 @@ def test_what_is_known_of_a_grid_is_what_is_found_in_any_mesh(shape):
     corners = field.vertices[field.triangles[field.tree.order]]
     box = field.tree.boxes[leaves + np.arange(len(corners)) // 4]
     assert (corners.min(axis=1) >= box[:, :3]).all() and (corners.max(axis=1) <= box[:, 3:]).all()
+
+
+@pytest.mark.parametrize("shape", ["box", "hull", "capsule", "cylinder"])
+def test_a_start_with_a_hill_inside_a_body_is_refused_however_deep(shape):
+    """A pointed hill 0.5 m high comes from below into a body of 0.3 m, whose other points are above the ground."""
+    heights = np.zeros((5, 5))
+    heights[2, 2] = 0.5
+    for depth in (-0.01, 0.01, 0.05, 0.1, 0.15, 0.2, 0.25):
+        scene, place = mbvi.Scene(), (0.01, 0.02, 0.65 - depth)
+        scene.add_heightfield(heights, size=(4.0, 4.0), name="hill")
+        if shape == "box":
+            scene.add_box((0.5, 0.5, 0.3), 1.0, position=place)
+        elif shape == "hull":
+            corners = np.array([(x, y, z) for x in (-0.25, 0.25) for y in (-0.25, 0.25) for z in (-0.15, 0.15)])
+            scene.add_convex(corners, [place], 1.0)
+        elif shape == "capsule":
+            turn = (np.sqrt(0.5), 0, 0, np.sqrt(0.5))
+            scene.add_capsule(0.15, 0.4, 1.0, position=place, rotation=turn)
+        else:
+            scene.add_cylinder(0.3, 0.3, 1.0, position=place)
+        if depth < 0.0:
+            scene.build()
+            continue
+        with pytest.raises(mbvi.InadmissibleStartError, match=r"hill (reaches deep into|penetrates)"):
+            scene.build()

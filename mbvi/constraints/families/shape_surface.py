@@ -7,14 +7,16 @@ from typing import Any
 
 import numpy as np
 
-from ...compiled import held
+from ...compiled import held, plain_array
+from ...errors import InadmissibleStartError
 from ...geometry.closed_form.cores_at_mesh import CoresAtMesh, free_way
+from ...geometry.closed_form.mesh_contacts import mesh_distances
 from ...geometry.closed_form.surface_distances import surface_distances
 from ...geometry.closed_form.surface_rows import surface_contacts
 from ...geometry.meshes.creases import creases_of
 from ...geometry.meshes.triangles import Surface
 from ...geometry.shapes.convex_cores import cores_of
-from ...geometry.shapes.shapes import Capsule, PlacedShape
+from ...geometry.shapes.shapes import Capsule, Hull, PlacedShape
 from ...system import System
 from ..rows import Array
 from .pairs import Contacts
@@ -23,6 +25,8 @@ from .surface import ROUNDING, SurfaceContacts
 # how far a shape may move until its features are listed again: parts of the mean radius of balls about the shapes, and
 # the least and the greatest part of its own
 _SKIN, _MOST_SKIN = 0.05, 0.25
+# a gap or a distance that is less by this part of the radius of the ball inside a shape is no rounding
+_WITHIN = 1e-6
 
 
 class ShapeSurface(SurfaceContacts):
@@ -46,6 +50,7 @@ class ShapeSurface(SurfaceContacts):
         friction: Array | float = 0.0,
     ) -> None:
         super().__init__(system, shapes, surface, name, restitution, friction)
+        self._tree = surface.vertices, surface.triangles, *surface.tree
         self.frames, frame = np.unique(self._bodies, return_inverse=True)
         cores, bounds = cores_of(shapes, frame), np.array([s.shape.bound for s in shapes])
         # rows are found to twice this depth: a step may begin deep already
@@ -64,6 +69,26 @@ class ShapeSurface(SurfaceContacts):
         # the state of the lists, which the compiled loop shares
         self.at_mesh: Any = held(CoresAtMesh(creases_of(surface), cores, eps, skin, skin.copy(), *room))
         self._make_room(200, 1000, 200)
+
+    def check(self, t: float, q: Array) -> None:
+        """Raise `InadmissibleStartError` if the mesh has no row with a shape because it is too deep in it."""
+        radius = np.array([s.shape.inner for s in self.shapes])
+        middles = [s.shape.vertices.mean(axis=0) if isinstance(s.shape, Hull) else np.zeros(3) for s in self.shapes]
+        local = np.array([s.position + s.rotation @ at for s, at in zip(self.shapes, middles, strict=True)])
+        places, distance = self.system.placements(q, self._bodies), np.empty(self.size)
+        centres = plain_array(np.vecmat(local.reshape(-1, 3), places[:, :3]) + places[:, 3])
+        mesh_distances(*self._tree, centres, distance)
+        found = self.measure(q, np.arange(self.size), 0.0)
+        # what has a row is refused with its depth
+        sunk = np.zeros(self.size)
+        np.minimum.at(sunk, found.pair, found.gap)
+        within = (distance < (1.0 - _WITHIN) * radius) & (sunk > -_WITHIN * radius)
+        if within.any():
+            k = int(np.flatnonzero(within)[0])
+            raise InadmissibleStartError(
+                f"the initial configuration is not admissible: {self.surface_name} reaches deep into "
+                f"{self.shapes[k].name}, to {distance[k]:.3g} m from its middle; start them farther apart"
+            )
 
     def carried(self, shape: PlacedShape) -> float:
         """Return the radius of a ball that holds the shape [m]."""
