@@ -28,6 +28,8 @@ from ..start import closes_none
 from .located import LocatedSwitches
 from .recorded import recorded
 
+# contacts that a note names
+_MOST_NAMED = 3
 # exponents of the dense output
 _POWERS = np.arange(1, DEGREE + 1)
 
@@ -204,7 +206,7 @@ def run_event_driven(
     record = _EventRecorder(problem, every, notes, log)
     so_far, end = partial(record.trajectory, scheme, complete=False), problem.t0 + duration
     switches = None if switching is None else LocatedSwitches(switching, problem.t0, duration)
-    fallbacks = np.zeros(2, np.int64)
+    fallbacks, at_fallbacks = np.zeros(2, np.int64), set[str]()
     with recorded(problem, scheme, duration, record, so_far, out, progress) as poll:
         now = problem
         if switches is not None:
@@ -237,10 +239,11 @@ def run_event_driven(
                     break
             record.record_state()
             fallbacks += integrator.fallbacks, integrator.undetermined
+            at_fallbacks.update(map(now.constraints.name, integrator.at_fallbacks))
             if switches is None or switches.found is None:
                 break
         record.t[-1] = end
-        record.notes += _fallback_notes(*fallbacks.tolist())
+        record.notes += _fallback_notes(*fallbacks.tolist(), sorted(at_fallbacks))
     return record.trajectory(scheme, complete=True)
 
 
@@ -274,15 +277,20 @@ def _of_impact(friction: ContactFriction, percussion: Array, e: Array | None, ta
     return tangential, before, after, regimes, None if e is None else e[taking_part], angular
 
 
-def _fallback_notes(fallbacks: int, undetermined: int) -> list[str]:
-    """Return the note on steps of `Paoli`, if there were any; `undetermined` of them were taken because of friction."""
+def _fallback_notes(fallbacks: int, undetermined: int, names: list[str]) -> list[str]:
+    """Return the note on steps of `Paoli`, if there were any; `undetermined` of them were taken because of friction.
+
+    `names` are those of the constraints that were active then.
+    """
     if not fallbacks:
         return []
     friction = (
         f"; {undetermined} of them because friction leaves accelerations open, of contacts that depend on each other "
         "or in Painlevé's configuration"
     )
+    more = f" and {len(names) - _MOST_NAMED} more" if len(names) > _MOST_NAMED else ""
+    where = f"; contacts: {', '.join(names[:_MOST_NAMED])}{more}" if names else ""
     return [
         f"{fallbacks} steps of 1e-4 s were taken by the paper's scheme, of order one: where gradients jump, or events "
-        f"follow each other without end, the tolerance is not kept{friction if undetermined else ''}"
+        f"follow each other without end, the tolerance is not kept{friction if undetermined else ''}{where}"
     ]

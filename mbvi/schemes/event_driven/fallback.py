@@ -48,7 +48,9 @@ def fall_back(state: MotionState, end: float) -> Iterator[RungeKuttaStep | Impac
             return
         state.fallbacks += 1
         active = yield from _paoli_step(state, h, end)
-        if not (len(active) if state.modes is not None else np.isin(active, jumping).any()):
+        at_jumps = active[np.isin(active, jumping)]
+        state.at_fallbacks.update((at_jumps if len(at_jumps) else active).tolist())
+        if not len(active if state.modes is not None else at_jumps):
             break
     state.depth = _move_out(state)
     if state.depth.any():

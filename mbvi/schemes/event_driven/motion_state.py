@@ -64,6 +64,8 @@ class MotionState:
         How many steps of `Paoli` were taken.
     undetermined : int
         How many of them because contacts with friction had no unique accelerations.
+    at_fallbacks : set of int
+        The constraints that were active in them; of those with jumping gradients, if some were, only these.
     fallback : Step or None
         The step of `Paoli`, if the last step was one.
     """
@@ -86,6 +88,7 @@ class MotionState:
         self.event_rows, self.impact_time = NO_ROWS, -np.inf
         self.depth, self.residual, self.fallbacks, self.undetermined = np.zeros(2), 0.0, 0, 0
         self.fallback: Step | None = None
+        self.at_fallbacks: set[int] = set()
 
     def feature_pairs(self) -> Array:
         """Return the rows of the pairs of which rows of features are closed, ascending."""

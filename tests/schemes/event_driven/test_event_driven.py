@@ -466,3 +466,11 @@ def test_a_step_that_shrinks_to_nothing_names_the_time_and_what_is_closed():
     problem = mbvi.Problem(system, [wall], np.zeros(2), np.zeros(2))
     with pytest.raises(mbvi.DivergedError, match=r"at t = 0\.5 s, where .* is closed"):
         mbvi.simulate(problem, mbvi.EventDriven(1e-8), duration=1.0)
+
+
+def test_steps_of_paoli_name_the_contacts_at_which_gradients_jump():
+    scene = mbvi.Scene()
+    scene.add_heightfield(np.zeros((5, 5)), size=(1.0, 1.0), name="field")
+    scene.add_box((0.2, 0.2, 0.2), 1.0, position=(0.03, 0.02, 0.1), velocity=(0.5, 0, 0), name="box")
+    run = mbvi.simulate(scene.build(), mbvi.EventDriven(1e-6), duration=0.01)
+    assert "steps of 1e-4 s were taken" in run.notes[0] and run.notes[0].endswith("; contacts: box | field")
