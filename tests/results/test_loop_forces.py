@@ -81,7 +81,7 @@ def test_the_second_body_moves_by_its_connection_alone(scheme, e, mu):
     assert run.impacts
     change = np.diff(run.v[:, 6:9], axis=0) / 1e-3 + [0, 0, G]
     found = run.loop_forces("glue")[1:, :3]
-    assert np.abs(found - change).max() < 1e-9 * np.abs(change).max()
+    assert np.abs(found - change).max() < 1e-12 * np.abs(change).max()
     assert np.abs(found[:, 2]).max() > 30 * G
 
 
