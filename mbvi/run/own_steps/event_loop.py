@@ -243,7 +243,7 @@ def run_event_driven(
             if switches is None or switches.found is None:
                 break
         record.t[-1] = end
-        record.notes += _fallback_notes(*fallbacks.tolist(), sorted(at_fallbacks))
+        record.notes += _fallback_notes(int(fallbacks[0]), int(fallbacks[1]), sorted(at_fallbacks))
     return record.trajectory(scheme, complete=True)
 
 
