@@ -7,16 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from ...compiled import held, plain_array
+from ...compiled import held
 from ...errors import InadmissibleStartError
 from ...geometry.closed_form.cores_at_mesh import CoresAtMesh, free_way
-from ...geometry.closed_form.mesh_contacts import mesh_distances
 from ...geometry.closed_form.surface_distances import surface_distances
 from ...geometry.closed_form.surface_rows import surface_contacts
 from ...geometry.meshes.creases import creases_of
 from ...geometry.meshes.triangles import Surface
 from ...geometry.shapes.convex_cores import cores_of
-from ...geometry.shapes.shapes import Capsule, Hull, PlacedShape
+from ...geometry.shapes.shapes import Capsule, PlacedShape
 from ...system import System
 from ..rows import Array
 from .pairs import Contacts
@@ -50,7 +49,6 @@ class ShapeSurface(SurfaceContacts):
         friction: Array | float = 0.0,
     ) -> None:
         super().__init__(system, shapes, surface, name, restitution, friction)
-        self._tree = surface.vertices, surface.triangles, *surface.tree
         self.frames, frame = np.unique(self._bodies, return_inverse=True)
         cores, bounds = cores_of(shapes, frame), np.array([s.shape.bound for s in shapes])
         # rows are found to twice this depth: a step may begin deep already
@@ -72,13 +70,8 @@ class ShapeSurface(SurfaceContacts):
 
     def check(self, t: float, q: Array) -> None:
         """Raise `InadmissibleStartError` if the mesh has no row with a shape because it is too deep in it."""
-        radius = np.array([s.shape.inner for s in self.shapes])
-        middles = [s.shape.vertices.mean(axis=0) if isinstance(s.shape, Hull) else np.zeros(3) for s in self.shapes]
-        local = np.array([s.position + s.rotation @ at for s, at in zip(self.shapes, middles, strict=True)])
-        places, distance = self.system.placements(q, self._bodies), np.empty(self.size)
-        centres = plain_array(np.vecmat(local.reshape(-1, 3), places[:, :3]) + places[:, 3])
-        mesh_distances(*self._tree, centres, distance)
-        found = self.measure(q, np.arange(self.size), 0.0)
+        radius, (_, distance) = self.at_mesh.cores.sizes[:, 4], self._distances(q, self._every)
+        found = self.measure(q, self._every, 0.0)
         # what has a row is refused with its depth
         sunk = np.zeros(self.size)
         np.minimum.at(sunk, found.pair, found.gap)
@@ -89,6 +82,10 @@ class ShapeSurface(SurfaceContacts):
                 f"the initial configuration is not admissible: {self.surface_name} reaches deep into "
                 f"{self.shapes[k].name}, to {distance[k]:.3g} m from its middle; start them farther apart"
             )
+
+    def middles(self) -> Array:
+        """Return the middles of the vertices, shape (n, 3)."""
+        return np.asarray(self.at_mesh.cores.sizes[:, :3])
 
     def carried(self, shape: PlacedShape) -> float:
         """Return the radius of a ball that holds the shape [m]."""

@@ -69,6 +69,7 @@ class SurfaceContacts(Rebuilt, ConstraintFamily):
         self.surface_name, self.shapes = name, list(shapes)
         self._bodies = np.array([s.body for s in shapes], dtype=np.int64)
         self._every = np.arange(self.size)
+        self._tree = surface.vertices, surface.triangles, *surface.tree
 
     def describe(self) -> str:
         """Return one line of `Problem.report()`, in words."""
@@ -122,6 +123,21 @@ class SurfaceContacts(Rebuilt, ConstraintFamily):
         """Return the gradient of every shape's distance, shape (n, nv)."""
         shape, _, point, normal = self.nearest(q, self._every)
         return self._gradients(q, shape, point, normal)
+
+    @abstractmethod
+    def middles(self) -> Array:
+        """Return the middle of each shape in its body's frame, shape (n, 3)."""
+
+    def _placed(self, q: Array, shapes: Array) -> Array:
+        """Return the middles of some shapes, shape (k, 3)."""
+        places = self.system.placements(q, self._bodies[shapes])
+        return plain_array(np.vecmat(self.middles()[shapes], places[:, :3]) + places[:, 3])
+
+    def _distances(self, q: Array, shapes: Array) -> tuple[Array, Array]:
+        """Return the middles of some shapes, and their distances from the mesh, shapes (k, 3) and (k,) [m]."""
+        centres, distance = self._placed(q, shapes), np.zeros(len(shapes))
+        mesh_distances(*self._tree, centres, distance)
+        return centres, distance
 
     def _gradients(self, q: Array, shape: Array, point: Array, normal: Array) -> Any:
         bodies = self._bodies[shape]
@@ -213,6 +229,10 @@ class SphereSurface(SurfaceContacts):
                     f"{inside}: if the inside is free, turn their corners around, or take a sheet by add_surface"
                 )
 
+    def middles(self) -> Array:
+        """Return the centres of the spheres, shape (n, 3)."""
+        return self._local
+
     def carried(self, shape: PlacedShape) -> float:
         """Return 0: the centre is followed."""
         return 0.0
@@ -220,12 +240,11 @@ class SphereSurface(SurfaceContacts):
     def measure(self, q: Array, shapes: Array, tolerance: float) -> Contacts:
         """Return the contacts of some spheres within the tolerance."""
         radii = self._radii[shapes]
-        return self._contacts(self._centres(q, shapes), shapes, radii + tolerance, tolerance)
+        return self._contacts(self._placed(q, shapes), shapes, radii + tolerance, tolerance)
 
     def nearest(self, q: Array, shapes: Array) -> Contacts:
         """Return the nearest contact of each of some spheres in ascending order."""
-        centres, distance = self._centres(q, shapes), np.zeros(len(shapes))
-        mesh_distances(*self._tree, centres, distance)
+        centres, distance = self._distances(q, shapes)
         found = self._contacts(centres, shapes, distance, np.inf)
         order = np.lexsort((found.gap, found.pair))
         first = order[np.searchsorted(found.pair[order], shapes)]
@@ -241,10 +260,6 @@ class SphereSurface(SurfaceContacts):
             *self._tree, *self._features, self._deepest, self._rounding, self._local, self._radii, *room, rank, *found,
         )  # fmt: skip
         return BallsAtMesh(*fields)
-
-    def _centres(self, q: Array, shapes: Array) -> Array:
-        places = self.system.placements(q, self._bodies[shapes])
-        return plain_array(np.vecmat(self._local[shapes], places[:, :3]) + places[:, 3])
 
     def _make_room(self, triangles: int) -> None:
         """Make arrays for triangles about a sphere, and for contacts."""
