@@ -15,10 +15,10 @@ from ..projection import Projector
 from ..projection.positions.travel import largest_of_parts, largest_of_rows
 from ..system import Spheres
 from ..system.system import Array
+from .gap_bounds.open_gaps import bouncing_velocities, displacing_velocity, open_gaps
+from .gap_bounds.reach import groups, largest_of_groups, parts_of_bodies, spread_reach
 from .kernels.stewart_trinkle import RETRY_DEPTH, stewart_trinkle_step
 from .positions.end_repair import near_rows, repair
-from .positions.open_gaps import bouncing_velocities, displacing_velocity, open_gaps
-from .positions.reach import groups, largest_of_groups, parts_of_bodies, spread_reach
 from .row_projection import RowProjection, slip_rates
 from .scheme import Scheme, Timing
 from .step import Step

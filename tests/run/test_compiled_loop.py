@@ -17,9 +17,10 @@ from mbvi.run.recorder import Recorder
 from mbvi.run.sleeping import Sleepers
 from mbvi.run.tunnelling import TunnellingGuard
 from mbvi.schemes import Step, stewart_trinkle
+from mbvi.schemes.gap_bounds import open_gaps
 from mbvi.schemes.kernels.records import BOUNCES
 from mbvi.schemes.kernels.stewart_trinkle import lower_to_the_end
-from mbvi.schemes.positions import open_gaps, position_projection
+from mbvi.schemes.positions import position_projection
 from mbvi.schemes.step import NO_RATES
 from mbvi_studies.published_robots import PUBLISHED as PUBLISHED_ROBOTS
 from mbvi_studies.published_robots import published_robot

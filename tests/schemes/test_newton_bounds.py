@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 import mbvi
 from mbvi import packing
 from mbvi.projection import Projector
-from mbvi.schemes.positions.newton_bounds import newton_bounds
-from mbvi.schemes.positions.reach import groups
+from mbvi.schemes.gap_bounds.newton_bounds import newton_bounds
+from mbvi.schemes.gap_bounds.reach import groups
 from mbvi_studies.chart.errors import fitted_order, path_errors, worst_errors
 from support.orders import STEPS
 

@@ -14,8 +14,8 @@ from ...system.free.sparse_rows import MOST_DENSE
 from ...system.mechanisms.mechanism import carry, place
 from ...system.mechanisms.pinocchio_address import retract
 from ...system.system import Array
+from ..gap_bounds.reach import spread_reach, write_largest_of_groups
 from ..positions.displacement_kernel import independent_groups
-from ..positions.reach import spread_reach, write_largest_of_groups
 from .phases import evaluate_forces, move_freely, write_rates
 from .records import BOUNCES, DONE, UNSOLVED, MechanismStep
 from .stewart_trinkle_velocity import displacing_velocity, project_bounds

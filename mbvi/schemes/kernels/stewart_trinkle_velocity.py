@@ -11,7 +11,7 @@ from ...projection.dense.robot_step import solve_active_set
 from ...projection.row_speeds import row_speeds
 from ...projection.tree import solve
 from ...system.system import Array
-from ..positions.reach import write_largest_of_groups
+from ..gap_bounds.reach import write_largest_of_groups
 from ..step import STILL
 from .joint_friction import bounded_coulomb, joints_with_friction
 from .records import DONE, UNSOLVED, MechanismStep

@@ -15,6 +15,7 @@ from ...constraints.mechanism.tables import RowBuffer
 from ...constraints.tangents import along_axes
 from ...problem import Problem
 from ...system.free.free_body_table import FreeBodyTable
+from ...system.free.free_momentum import write_full_rows
 from ...system.free.sparse_rows import sparse_parts
 from ...system.free.turning import write_rotation
 from ...system.free.world_motion import add_spin, add_velocity, write_centre
@@ -208,10 +209,7 @@ def add_displaced_of_rows(
     """Do what `add_displaced` does, for gradients as full rows, shape (k, nv)."""
     k, n = J.shape
     columns, starts = np.empty(k * n, np.int32), np.empty(k + 1, np.int32)
-    for i in range(k * n):
-        columns[i] = i % n
-    for a in range(k + 1):
-        starts[a] = a * n
+    write_full_rows(columns, starts)
     add_displaced(bodies, J.copy().reshape(k * n), columns, starts, normal, place, before, w, q, v, known, wrench)
 
 

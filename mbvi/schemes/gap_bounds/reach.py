@@ -13,7 +13,7 @@ from ...constraints import Rows
 from ...problem import Problem
 from ...system import System
 from ...system.system import Array, parts_of
-from .displacement_kernel import independent_groups
+from ..positions.displacement_kernel import independent_groups
 
 
 def parts_of_bodies(system: System, part: Array) -> Array:
