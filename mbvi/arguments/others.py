@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import os
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -113,6 +113,12 @@ def not_found(path: str | os.PathLike[str]) -> str:
     except OSError as error:
         return f"{os.fspath(path)} cannot be read: {error.strerror}"
     return f"no such file: {os.fspath(path)}"
+
+
+def listed(names: Sequence[str], most: int) -> str:
+    """Return names in words: so many, and how many more there are."""
+    more = len(names) - most
+    return ", ".join(names[:most]) + (f" and {more} more" if more > 0 else "")
 
 
 def several_names(value: Iterable[str], name: str) -> tuple[str, ...]:

@@ -6,6 +6,7 @@ from collections.abc import Collection
 from html import escape
 from typing import TYPE_CHECKING
 
+from ..arguments import listed
 from .items import SceneItems, entity
 
 if TYPE_CHECKING:
@@ -63,12 +64,7 @@ def _things(items: SceneItems) -> dict[str, str]:
         "meshes": [s.name for s in items.surfaces],
         "fixed bodies": dict.fromkeys(entity(b.name) for b in items.bodies if b.fixed),
     }
-    return {kind: _listed(names) for kind, names in groups.items() if names}
-
-
-def _listed(names: Collection[str]) -> str:
-    shown = list(names)[:_MOST_NAMED]
-    return ", ".join(shown) + (f" and {len(names) - len(shown)} more" if len(names) > len(shown) else "")
+    return {kind: listed(list(names), _MOST_NAMED) for kind, names in groups.items() if names}
 
 
 def _coefficients(common: float, own: Collection[float]) -> str:

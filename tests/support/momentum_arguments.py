@@ -177,6 +177,11 @@ def write_ends(rng):
     return table, *as_sparse(J), _normals(rng, J), q, ends, sign, np.zeros(n, bool), np.zeros(n, bool)
 
 
+def write_full_rows(rng):
+    m, n = rng.integers(0, 5, 2)
+    return np.zeros(m * n, np.int32), np.zeros(m + 1, np.int32)
+
+
 def add_momenta(rng):
     table, q, v = bodies_at(rng)
     return table, q, v, rng.normal(), rng.normal(size=(len(table.mass), 6))
@@ -213,6 +218,7 @@ MOMENTUM_ARGUMENTS = {
         add_wrenches,
         write_ends,
         add_momenta,
+        write_full_rows,
         add_displaced,
         add_displaced_of_rows,
     )

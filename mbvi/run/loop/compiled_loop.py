@@ -18,10 +18,10 @@ from ...projection import Projector
 from ...results.contacts import ContactLog
 from ...schemes import MoreauJean, Scheme, Step
 from ...schemes.contact_friction import friction_of
+from ...schemes.gap_bounds.reach import parts_of_bodies
 from ...schemes.kernels.records import DONE, LawMemory, MechanismStep, Scales, room
 from ...schemes.observer import contacts_of_step
 from ...schemes.positions.nearby_rows import linear_reach
-from ...schemes.positions.reach import parts_of_bodies
 from ...schemes.step import STILL
 from ...system.mechanisms.joined import joined
 from ...system.mechanisms.mechanism import Mechanism

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ...arguments import listed
 from ...problem import Problem
 from ...projection import Projector
 from ...results.contacts import ContactLog
@@ -288,8 +289,7 @@ def _fallback_notes(fallbacks: int, undetermined: int, names: list[str]) -> list
         f"; {undetermined} of them because friction leaves accelerations open, of contacts that depend on each other "
         "or in Painlevé's configuration"
     )
-    more = f" and {len(names) - _MOST_NAMED} more" if len(names) > _MOST_NAMED else ""
-    where = f"; contacts: {', '.join(names[:_MOST_NAMED])}{more}" if names else ""
+    where = f"; contacts: {listed(names, _MOST_NAMED)}" if names else ""
     return [
         f"{fallbacks} steps of 1e-4 s were taken by the paper's scheme, of order one: where gradients jump, or events "
         f"follow each other without end, the tolerance is not kept{friction if undetermined else ''}{where}"

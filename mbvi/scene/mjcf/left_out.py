@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ...arguments import listed
 from ..reductions import Omission
 from .file import disabled, mujoco_module
 from .joint_forces import is_linear_spring
@@ -55,7 +56,7 @@ def left_out(m: Any, text: str, bodies: Sequence[str], rolling: bool) -> tuple[l
         count = int(getattr(m, attribute, 0))
         if count:
             names = [getattr(m, kind)(k).name for k in range(count)] if kind else []
-            named = f" ({_listed(names)})" if any(names) else ""
+            named = f" ({listed(names, _MOST_NAMED)})" if any(names) else ""
             omitted.append(Omission(f"{count} {words}{named}", why))
             if moves:
                 ignored.append(f"{count} {words}{named}")
@@ -96,13 +97,13 @@ def _of_joints(m: Any) -> Iterator[tuple[str, str]]:
         found.append(("damping beyond the linear", where(rows(m.dof_dampingpoly)), "damping is linear"))
     for what, named, why in found:
         if named:
-            yield f"{what} of {_listed(named)}", why
+            yield f"{what} of {listed(named, _MOST_NAMED)}", why
 
 
 def _of_bodies(m: Any, bodies: Sequence[str]) -> Iterator[tuple[str, str]]:
     lifted = [bodies[int(k)] for k in np.flatnonzero(m.body_gravcomp)]
     if lifted:
-        yield f"gravity compensation of {_listed(lifted)}", "add it by control"
+        yield f"gravity compensation of {listed(lifted, _MOST_NAMED)}", "add it by control"
 
 
 def _of_geoms(m: Any, bodies: Sequence[str], rolling: bool) -> Iterator[tuple[str, str]]:
@@ -132,7 +133,7 @@ def _of_geoms(m: Any, bodies: Sequence[str], rolling: bool) -> Iterator[tuple[st
         there = each.reshape(len(owners), -1).any(axis=1) & (touching if owners is geoms else True)
         named = list(dict.fromkeys(owners[k] for k in np.flatnonzero(there)))
         if named:
-            yield f"{what} of {_listed(named)}", why
+            yield f"{what} of {listed(named, _MOST_NAMED)}", why
 
 
 def _softened(m: Any) -> str:
@@ -159,8 +160,3 @@ def _of_options(m: Any) -> Iterator[tuple[str, str]]:
             flag = name.removeprefix(prefix)
             if name.startswith(prefix) and given & int(bit) and flag not in _HONOURED + _NO_EFFECT:
                 yield f"flag {flag.lower()}", "set the scene instead"
-
-
-def _listed(names: Sequence[str]) -> str:
-    more = len(names) - _MOST_NAMED
-    return ", ".join(names[:_MOST_NAMED]) + (f" and {more} more" if more > 0 else "")

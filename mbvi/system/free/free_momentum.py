@@ -309,6 +309,17 @@ def keep_momentum(
     turn_groups(bodies, group, loose, centre, momentum, q, v, False)
 
 
+@kernel("void(i4[::1], i4[::1])")
+def write_full_rows(columns: Array, starts: Array) -> None:
+    """Write the columns of full rows, shape (m n,), and where each row begins, shape (m + 1,), as of sparse rows."""
+    m = len(starts) - 1
+    n = len(columns) // max(m, 1)
+    for i in range(len(columns)):
+        columns[i] = i % n
+    for a in range(m + 1):
+        starts[a] = a * n
+
+
 @kernel("void(FreeBodyTable, f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1])")
 def keep_momentum_of_rows(
     bodies: FreeBodyTable, J: Array, before: Array, w: Array, place: Array, q: Array, v: Array
@@ -316,8 +327,5 @@ def keep_momentum_of_rows(
     """Do what `keep_momentum` does, for gradients as full rows, shape (m, nv)."""
     m, n = J.shape
     columns, starts = np.empty(m * n, np.int32), np.empty(m + 1, np.int32)
-    for i in range(m * n):
-        columns[i] = i % n
-    for a in range(m + 1):
-        starts[a] = a * n
+    write_full_rows(columns, starts)
     keep_momentum(bodies, J.copy().reshape(m * n), columns, starts, before, w, place, q, v)
