@@ -13,7 +13,7 @@ from ..errors import InadmissibleStartError, ProjectionError
 from ..problem import ACTIVATION
 from ..projection import DenseMetric, Metric, Projector
 from ..system import System, located_parts
-from ..system.loop_margin import widest_open
+from ..system.mechanisms.loop_margin import widest_open
 from .model import Start
 
 # most linearisations of each of the two iterations, and of those after which the least depth is no smaller

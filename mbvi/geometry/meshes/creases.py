@@ -9,7 +9,7 @@ import numpy as np
 
 from ...arguments import Array
 from ...compiled import record
-from ..closed_form.mesh_planes import count_peaks, write_angles, write_peak_edges, write_planes
+from .mesh_planes import count_peaks, write_angles, write_peak_edges, write_planes
 from .triangles import Surface
 
 # how triangles meet at an edge, seen from the free side

@@ -9,7 +9,7 @@ from scipy.linalg import solve_triangular
 
 from ...errors import ProjectionError
 from ...system import System
-from ...system.loop_margin import with_equalities
+from ...system.mechanisms.loop_margin import with_equalities
 from ..run_data import RunData
 from .diagnosis import Array
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...system import System
-from ...system.loop_margin import loop_margins, with_equalities
+from ...system.mechanisms.loop_margin import loop_margins, with_equalities
 from ...system.system import Array
 
 # the time over which the change of the margin is measured, relative to the step

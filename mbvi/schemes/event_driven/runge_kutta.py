@@ -17,7 +17,7 @@ from ...projection import Metric
 from ...system import System
 from ...system.free.bodies import FreeBodies
 from ...system.free.planar import PlanarBodies
-from ...system.loop_margin import with_equalities
+from ...system.mechanisms.loop_margin import with_equalities
 from ...system.system import Array
 from .rows.contact_rows import SmoothRows
 from .stages import SmoothMotion, accelerate, margins_along, stages_of, take_stages

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from .mechanisms.articulated import ArticulatedSystem
-from .system import Array, System
+from ..system import Array, System
+from .articulated import ArticulatedSystem
 
 
 def with_equalities(system: System) -> list[tuple[ArticulatedSystem, slice]]:
