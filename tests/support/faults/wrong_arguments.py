@@ -692,6 +692,10 @@ CALLS: dict[str, Call] = {
     "Sensitivity.check": Call(
         lambda **given: mbvi.sensitivity(scene().build(), duration=1e-3).check(**given), lambda: {"directions": 1}
     ),
+    "Sensitivity.trusted_until": Call(
+        lambda **given: mbvi.sensitivity(scene().build(), duration=1e-3).trusted_until(**given),
+        lambda: {"digits": 3.0, "start": 1e-9},
+    ),
     "interop.jax_rollout": Call(_rollout("jax"), lambda: _ROLLOUT),
     "interop.torch_rollout": Call(_rollout("torch"), lambda: _ROLLOUT),
     "sweep": Call(
