@@ -142,10 +142,10 @@ def test_a_box_creeps_in_a_grip_below_the_force_of_coulombs_law(part, least, mos
     assert least <= example.creep(example.lift(part * example.LEAST)) < most
 
 
-def test_the_deviations_of_a_fitted_restitution_are_those_of_many_recordings():
+def test_the_deviations_of_fitted_restitution_and_friction_are_those_of_many_recordings():
     example = load("find_restitution")
-    fits = [example.fit(example.recording(seed), 0.81, 0.51) for seed in range(12)]
-    off = np.array([(x - (example.E, example.DROP)) / sigma for x, sigma in fits])
+    fits = [example.fit(example.recording(seed), 0.81, 0.51) for seed in range(8)]
+    off = np.array([(x - (example.E, example.DROP, example.MU)) / sigma for x, sigma in fits])
     # their mean square is 1, up to what two dozen numbers tell
     assert 0.4 < np.mean(off**2) < 2.0 and np.abs(off).max() < 4
 
