@@ -1,14 +1,21 @@
-"""How variations of the start grow along a run, and until when that leaves digits of its states."""
+"""How variations of the start grow along a run."""
 
 from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..errors import InputError
 from ..problem import Problem
+from ..results.trajectory import Trajectory
 from ..system.lengths import velocity_units
 from ..system.system import Array
 from .directions import Directions
+
+if TYPE_CHECKING:
+    from .variation import Variation
 
 
 def growth(problem: Problem, matrices: Array, varied: Directions) -> Array:
@@ -25,7 +32,11 @@ def growth(problem: Problem, matrices: Array, varied: Directions) -> Array:
     return np.linalg.norm(matrices[:, :, own] / units[:, None] * sizes, 2, axis=(1, 2))
 
 
-def trusted_until(times: Array, factors: Array, digits: float, start: float) -> float:
-    """Return the first time from which fewer digits are left of a start that is known to a relative error [s]."""
-    lost = np.maximum.accumulate(factors) * start > 10.0**-digits
-    return float(times[lost.argmax()]) if lost.any() else np.inf
+def with_growth(run: Trajectory, variation: Variation) -> Trajectory:
+    """Return the run with the growth of variations of its start as far as it is followed, where all were varied."""
+    varied, problem, known = variation.varied, variation.problem, variation.known[: len(run.t)]
+    own = varied.columns.get("state", slice(0, 0))
+    if own.stop - own.start < 2 * problem.system.nv or not known:
+        return run
+    factors = growth(problem, np.array(known) / varied.sizes, varied)
+    return replace(run, record=replace(run.record, growth=factors))

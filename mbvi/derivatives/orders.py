@@ -165,12 +165,12 @@ class Branching(Variation):
     def _check_forces(self, fork: LocatedImpact, order: Order, v: Array, closed: Array, rests: Array) -> None:
         """Refuse contacts that an impact leaves closed, of which it closes `rests`, and that forces or columns open."""
         struck = np.intersect1d(order.closed, np.concatenate([NO_ROWS, *order.impacts]))
-        if self._varied.by_e[self._linear.rows.number[struck]].any():
+        if self.varied.by_e[self._linear.rows.number[struck]].any():
             self._refuse("by e = 0 it has none where another impact follows at once", struck, fork.t)
         if not closed.size:
             return
-        by_e = self._varied.by_e[self._linear.rows.number[rests]].any()
-        if rests.size and (by_e or self._varied.by_p.any()):
+        by_e = self.varied.by_e[self._linear.rows.number[rests]].any()
+        if rests.size and (by_e or self.varied.by_p.any()):
             self._saltation.check_forces(fork.t, fork.q, v, closed, rests, "e = 0" if by_e else "parameters")
         free, metric, J, wanted, scale = self._linear.flow.contact_equations(fork.t, fork.q, v, closed)
         G = J @ metric.solve_rows(J).T

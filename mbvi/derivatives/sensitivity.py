@@ -11,6 +11,7 @@ import numpy as np
 from ..arguments import boolean, integer, optional, positive, several_names, shown
 from ..errors import InputError, SensitivityError
 from ..problem import Problem, check_kept
+from ..results.diagnosis.error_growth import trusted_until
 from ..results.trajectory import Trajectory
 from ..run.accuracy import projector_of
 from ..run.given_scheme import checked_scheme
@@ -23,7 +24,7 @@ from ..system.system import Array
 from .check import SensitivityCheck, VariedRuns
 from .directions import Directions, directions
 from .fixed_steps import LocatedSteps
-from .growth import growth, trusted_until
+from .growth import growth, with_growth
 from .motion.accelerations import has_equalities
 from .one_sided import OneSidedSensitivity, Part, branches
 from .orders import Branching
@@ -48,7 +49,8 @@ class Sensitivity:
     Attributes
     ----------
     run : Trajectory
-        The run, the same as that of `simulate`.
+        The run, the same as that of `simulate`. Its diagnosis and report say how errors of the start grow, where all of
+        the state was varied.
     matrix : ndarray, shape (2 nv, p)
         The derivative of the state at the end.
     matrices : ndarray, shape (n + 1, 2 nv, p)
@@ -235,13 +237,25 @@ def sensitivity(
             return followed(part, scheme, rest, step, names, chosen, kind)
 
         return branches(follow, problem, positive(duration, "duration"))
-    run, variation, varied = followed(problem, scheme, duration, step, wrt, bodies, Variation)
+    made: list[Variation] = []
+
+    def kept(part: Problem, tolerance: float, varied: Directions) -> Variation:
+        made.append(Variation(part, tolerance, varied))
+        return made[0]
+
+    try:
+        run, variation, varied = followed(problem, scheme, duration, step, wrt, bodies, kept)
+    except SensitivityError as error:
+        so_far: Trajectory | None = getattr(error, "run", None)
+        if made and so_far is not None:
+            error.run = with_growth(so_far, made[0])
+        raise
     matrices = np.array(variation.matrices) / varied.sizes
     matrices.setflags(write=False)
     runs = VariedRuns(
         problem, float(duration), varied, matrices[0], variation.closed_at_start, variation.still_at_start
     )
-    return Sensitivity(run, matrices[-1], matrices, varied.columns, runs)
+    return Sensitivity(with_growth(run, variation), matrices[-1], matrices, varied.columns, runs)
 
 
 def followed(
@@ -291,12 +305,14 @@ def _along_steps(
     recorded = [0]
     with run_so_far(lambda: run):
         motion = LocatedSteps(run, _BETWEEN_STEPS)
-        for part, ends in motion.parts():
-            variation(part, motion)
-            if ends:
-                recorded.append(len(variation.matrices) - 1)
-        variation.finish()
-    variation.matrices = [variation.matrices[k] for k in recorded]
+        try:
+            for part, ends in motion.parts():
+                variation(part, motion)
+                if ends:
+                    recorded.append(len(variation.matrices) - 1)
+            variation.finish()
+        finally:
+            variation.matrices = [variation.matrices[k] for k in recorded]
     return run, variation
 
 

@@ -52,6 +52,8 @@ class Variation:
 
     Attributes
     ----------
+    problem, varied
+        As given.
     matrices : list of ndarray, shape (2 nv, p)
         The variations at each recorded state of the run.
     closed_at_start : ndarray of int
@@ -66,7 +68,7 @@ class Variation:
     def __init__(self, problem: Problem, tolerance: float, varied: Directions) -> None:
         self._linear = Linearised(deepcopy(problem), varied.parameters)
         self._method = LinearMethod(max(_LOCAL * tolerance, _ROUNDING))
-        self._varied = varied
+        self.problem, self.varied = problem, varied
         self._least = np.where(varied.of_parameters, LEAST, 1e-300)
         self._saltation = Saltation(self._linear, varied, problem.length, float(np.sqrt(tolerance)), self._refuse)
         self.approximate = False
@@ -86,6 +88,11 @@ class Variation:
         # the state at the end of the last step, and the impact after it whose contacts are not known yet
         self._end: tuple[float, Array, Array] | None = None
         self._pending: tuple[ImpactEvent, Array] | None = None
+
+    @property
+    def known(self) -> list[Array]:
+        """The matrices but that after an impact that is not followed yet."""
+        return self.matrices if self._pending is None else self.matrices[:-1]
 
     def __call__(self, part: RungeKuttaStep | ImpactEvent, integrator: Followed) -> None:
         """Follow a smooth step or an impact of the run."""
@@ -149,7 +156,6 @@ class Variation:
         closed, held, modes = integrator.closed, integrator.held, _modes_of(integrator)
         if self._pending is not None:
             event, rows = self._pending
-            self._pending = None
             impact = LocatedImpact(
                 t, q, event.before, v, rows, event.rates[0], self._closed, self._held, closed,
                 _friction_of(event, self._modes, modes),
@@ -159,7 +165,7 @@ class Variation:
                 self._linear.choose(self._modes)
                 self._misses.impact(impact)
             self._X = X
-            self.matrices[-1] = self._X
+            self.matrices[-1], self._pending = self._X, None
         elif self._end is None:
             self._linear.choose(modes)
             self._start(t, q, v, integrator)
@@ -173,7 +179,7 @@ class Variation:
         touching = np.setdiff1d(integrator.event_rows, integrator.closed)
         J = self._linear.rows.gradients(t, q, touching)
         slow = np.abs(J @ v) < self._saltation.slowest(touching, J, v)
-        by_p = self._varied.by_p.any()
+        by_p = self.varied.by_p.any()
         if slow.any() and (self._varies_start or by_p):
             self._refuse("it touches at the start and is about to open", touching[slow], t)
         self.closed_at_start = integrator.closed
@@ -182,7 +188,7 @@ class Variation:
         closed = integrator.closed
         if by_p and closed.size:
             self._saltation.check_forces(t, q, v, closed, closed, "parameters")
-        gaps = self._varied.by_gap[self._linear.rows.number[closed]]
+        gaps = self.varied.by_gap[self._linear.rows.number[closed]]
         onto, moved = self._linear.tangents(t, q, v, closed, gaps)
         off = self._linear.rows.gradients(t, q, closed) @ moved[: len(v)] + gaps
         if np.abs(off).max(initial=0.0) > _JUMP * np.abs(gaps).max(initial=0.0):
@@ -221,7 +227,7 @@ class Variation:
 
     def _smooth(self, step: RungeKuttaStep) -> None:
         """Carry the variations over a step."""
-        units, by_p = self._linear.units[:, None], self._varied.by_p
+        units, by_p = self._linear.units[:, None], self.varied.by_p
         # in units of the scene, so that no unit of length matters
         scaling = units.T / units
 

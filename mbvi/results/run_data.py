@@ -142,6 +142,9 @@ class RunRecord:
         The inputs and torques that were set in the run; None where those of the problem are.
     switches : tuple of Switch
         Connections that were switched, in order.
+    growth : ndarray, shape (m,), or None
+        By which factor variations of the start have grown at most, at the first m times, in lengths of the scene, rad
+        and seconds; of runs of `sensitivity` by all of the state. Files do not hold it.
     """
 
     penetration: Array = field(default_factory=lambda: np.zeros(0))
@@ -154,6 +157,7 @@ class RunRecord:
     again: Callable[..., RunData] | None = None
     settings: Settings | None = None
     switches: tuple[Switch, ...] = ()
+    growth: Array | None = None
 
     def as_set(self) -> AbstractContextManager[None]:
         """Let the inputs and torques of the run act within a block."""

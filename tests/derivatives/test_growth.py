@@ -34,6 +34,41 @@ def test_a_point_that_falls_off_a_top(digits, start):
     assert exact <= found.trusted_until(digits, start) <= exact + steps
 
 
+def test_the_diagnosis_says_until_when_digits_are_left(tmp_path):
+    problem = moving(lambda t, q, v: q, [0.0], [1e-9])
+    run = mbvi.sensitivity(problem, SCHEME, duration=32.0).run
+    found = run.diagnosis().growth
+    assert found.growth == pytest.approx(np.exp(32.0), rel=1e-7) and found.followed == 32.0
+    exact = np.log(1e-3 / 2.0**-52)
+    assert exact <= found.until <= exact + np.diff(run.t).max()
+    sentence = f"of a start known to rounding 3 digits are left until t = {found.until:.6g} s."
+    assert sentence in str(run.diagnosis())
+    run.report(tmp_path / "run.html")
+    assert sentence in (tmp_path / "run.html").read_text()
+    assert mbvi.simulate(problem, SCHEME, duration=1.0).diagnosis().growth is None
+    part = mbvi.sensitivity(problem, SCHEME, duration=1.0, wrt=["restitution"])
+    assert part.run.diagnosis().growth is None
+
+
+@pytest.mark.parametrize(("scheme", "step"), [(SCHEME, None), (mbvi.Paoli(), 1e-3)], ids=["events", "steps"])
+def test_the_growth_is_known_up_to_where_a_run_has_no_derivative(scheme, step):
+    """A ball strikes a wall head on, which is a free flight in a mirror, then two walls at once that are not at right
+    angles."""
+    scene = mbvi.Scene(gravity=(0, 0, 0), restitution=1.0)
+    for normal, offset in (((1, 0, 0), 0.0), ((-1, 0, 0.5), -3.0), ((-1, 0, -0.5), -3.0)):
+        scene.add_halfspace(normal, offset / np.linalg.norm(normal))
+    scene.add_sphere(0.1, position=(1, 0, 0), velocity=(-1, 0, 0), name="ball")
+    with pytest.raises(mbvi.SensitivityError, match="not orthogonal") as refused:
+        mbvi.sensitivity(scene.build(), scheme, duration=5.0, step=step)
+    run, t = refused.value.run, refused.value.time
+    found = run.diagnosis().growth
+    assert run.impacts[0].constraints == ("ball | floor",)
+    assert 3.0 < t < 4.0 and t - 2e-3 <= found.followed <= t
+    s = found.followed
+    assert found.growth == pytest.approx(np.sqrt(1 + s**2 / 2 + s * np.sqrt(1 + s**2 / 4)), rel=1e-6)
+    assert found.until == np.inf
+
+
 def test_impacts_on_a_ball_multiply_what_a_flight_adds():
     """A point between two balls strikes them head on: each adds a curvature 2 / r, exactly as light in mirrors."""
     r, apart, count = 1.0, 1.0, 4

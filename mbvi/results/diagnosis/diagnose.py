@@ -21,6 +21,7 @@ from .active_rows import ActiveRows, with_full_gradients
 from .dead_centres import dead_centres
 from .diagnosis import Array, Diagnosis, Instant
 from .energies import energy_of_projection
+from .error_growth import error_growth
 from .jumps import Jump, Jumps
 
 if TYPE_CHECKING:
@@ -91,6 +92,7 @@ def diagnose(run: RunData, tolerance: float = 1e-3) -> Diagnosis:
         tuple(sorted(centres)),
         tuple(one.time for one in run.record.switches),
         run.problem.not_kept,
+        error_growth(run),
     )
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from ...impacts import Forks
+from .error_growth import ErrorGrowth
 from .jumps import Jump
 
 Array = np.ndarray
@@ -118,6 +119,8 @@ class Diagnosis:
         velocity that the connections allow; contacts that close at it are looked at as in any impact.
     lost : tuple of str
         Functions that acted and that the file of the run could not keep, such as controls: energies are not known.
+    growth : ErrorGrowth or None
+        How an error of the start grows; of runs of `sensitivity` by all of the state, else None.
     """
 
     instants: tuple[Instant, ...]
@@ -135,6 +138,7 @@ class Diagnosis:
     dead_centres: tuple[float, ...] = ()
     switches: tuple[float, ...] = ()
     lost: tuple[str, ...] = ()
+    growth: ErrorGrowth | None = None
 
     def __repr__(self) -> str:
         return f"Diagnosis(horizon={self.horizon:g}, instants={len(self.instants)}, jumps={len(self.jumps)})"
@@ -180,6 +184,7 @@ class Diagnosis:
                 f"{most:.3g} J at t = {time:.6g} s: Newton's law with e > 0 promises no loss there (Kane's paradox)."
             )
         lines += self._jumps()
+        lines += [] if self.growth is None else [str(self.growth)]
         if self.projection_energy:
             lines.append(f"Energy added by position projection: {self.projection_energy:.3g} J.")
         known = not np.isnan(self.energy_excess)
