@@ -138,6 +138,46 @@ def test_a_box_at_constant_speed_is_a_box_at_rest_seen_from_elsewhere(name, velo
         np.testing.assert_allclose(b.energy_change, a.energy_change, atol=1e-8)
 
 
+LIFTING = [scheme(project_positions=True) for scheme in (mbvi.Centered, mbvi.MoreauJean, mbvi.Paoli)]
+
+
+def landing(velocity, seed):
+    """A box or a capsule that falls tilted on a floor, all of it at a constant velocity besides."""
+    rng = np.random.default_rng(seed)
+    scene = mbvi.Scene()
+    if rng.random() < 0.5:
+        scene.add_halfspace((0, 0, 1), motion=Translation(velocity))
+    else:
+        scene.add_box((4, 4, 0.4), position=(0, 0, -0.2), fixed=True, motion=Translation(velocity))
+    drop = {
+        "mass": rng.uniform(0.5, 2.0), "position": (0, 0, rng.uniform(0.3, 0.5)),
+        "velocity": 0.5 * rng.normal(size=3) + velocity, "angular_velocity": 2.0 * rng.normal(size=3),
+        "rotation": rng.uniform(-3, 3, 3),
+    }  # fmt: skip
+    if rng.random() < 0.5:
+        scene.add_box((0.2, 0.15, 0.25), **drop)
+    else:
+        scene.add_capsule(0.07, 0.15, **drop)
+    return scene.build()
+
+
+@pytest.mark.parametrize("scheme", LIFTING, ids=str)
+def test_a_body_that_lands_on_a_moving_floor_does_so_as_on_one_at_rest(scheme):
+    """Contacts that join the law after the position projection count the speed of the floor, too."""
+    rng, landed = np.random.default_rng(31), 0
+    for seed in range(16):
+        velocity = rng.uniform(-1, 1, 3)
+        still, moved = (
+            mbvi.simulate(landing(u, seed), scheme, step=[1e-3, 2e-3, 5e-3][seed % 3], duration=0.35)
+            for u in (np.zeros(3), velocity)
+        )
+        shift = moved.q - still.q
+        shift[:, :3] -= moved.t[:, None] * velocity
+        assert np.abs(shift).max() < 1e-8, seed
+        landed += len(still.impacts) > 1
+    assert landed > 8
+
+
 @pytest.mark.parametrize("name", [*SCHEMES, "Stewart-Trinkle"])
 def test_a_ball_rests_on_a_table_that_accelerates_gently(name):
     """It stays where the table's acceleration is below g: to the order of a step, whatever the phase."""
