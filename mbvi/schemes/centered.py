@@ -91,13 +91,16 @@ class Centered(Scheme):
         # a scheme derived from this one may have changed e
         active = _rows_in_the_middle(problem, t, middle, ahead, change)
         active = active._replace(restitution=ahead.restitution)
-        bouncing = parts_that_bounce(problem, ahead, change) if self.project_positions else None
-        if bouncing is not None:
+        bouncing = opened = None
+        if self.project_positions:
+            bouncing = parts_that_bounce(problem, ahead, change)
             # gaps that lead to those of the end, which the position projection takes to be linear
-            linear = ahead.gap - half * active.speeds(v)
+            change = half * active.speeds(v)
             bounces = largest_of_parts(ahead.jacobian, problem.constraints.part, bouncing) > 0.0
-            active = active._replace(gap=np.where(bounces, active.gap, linear))
-        opened = closing_speeds(problem, active, half, half * active.speeds(v)) if self.project_positions else None
+            active = active._replace(gap=np.where(bounces, active.gap, ahead.gap - change))
+            # one that closes until the end bounces, also where its gap is not linear
+            change = np.where(bounces, np.minimum(change, ahead.gap - active.gap), change)
+            opened = closing_speeds(problem, active, half, change)
         w, rates, residual, slip, found = law(projector, v, motion, *self.rows_of_law(active, v, opened))
         active = active._replace(restitution=found.restitution)
         step = Step(end, middle, w, active, rates, residual, slip)

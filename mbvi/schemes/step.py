@@ -179,15 +179,17 @@ def write_margins(
         margins[p] = max((NEAR - 1.0) * tolerance, min(_BENDS * margins[p], _FARTHEST * length))
 
 
-@kernel("b1(f8, f8, f8, f8)")
-def joins(gap: float, change: float, lever: float, tolerance: float) -> bool:
+@kernel("b1(f8, f8, f8, f8, f8)")
+def joins(gap: float, change: float, e: float, lever: float, tolerance: float) -> bool:
     """Return whether a row within the margin joins the law.
 
     It does if it is very near, or if it may have opened by the bend of its path alone: then it was closed at the start
     of the step, and `change`, that of a step at the rate of the end, is twice the gap. A good deal less and more is
-    allowed, down to bodies that do not move. `lever` makes lengths of both.
+    allowed, down to bodies that do not move. One with e = 1 must hardly move: to brake it before it bounces would take
+    energy. `lever` makes lengths of both.
     """
-    return lever * gap <= NEAR * tolerance or abs(change - 2.0 * gap) <= 2.5 * gap
+    bent = abs(change - 2.0 * gap) <= 2.5 * gap and (e < 1.0 or lever * abs(change) <= tolerance)
+    return lever * gap <= NEAR * tolerance or bent
 
 
 def joining(problem: Problem, rows: Rows, margins: Array, change: Array) -> Array:
@@ -195,9 +197,11 @@ def joining(problem: Problem, rows: Rows, margins: Array, change: Array) -> Arra
 
     `change`, shape (k,), is as of `joins`.
     """
-    lengths = problem.constraints.levers(rows.constraint) * rows.gap
+    lever = problem.constraints.levers(rows.constraint)
+    lengths = lever * rows.gap
     own = largest_of_parts(rows.jacobian, problem.constraints.part, margins)
     bent = np.abs(change - 2.0 * rows.gap) <= 2.5 * rows.gap
+    bent &= (rows.restitution < 1.0) | (lever * np.abs(change) <= problem.tolerance)
     return np.asarray((lengths <= problem.tolerance + own) & (bent | (lengths <= NEAR * problem.tolerance)))
 
 

@@ -664,5 +664,5 @@ LOOP_ARGUMENTS = {
     "project_moving": project_moving,
     "stays_sunk": lambda rng, seed: (*rng.normal(size=3), rng.choice([0.0, 0.5, 1.0]), 1e-8),
     "is_closed": lambda rng, seed: (rng.choice([0.0, 1.0]), rng.choice([-1.0, 1.0]) * rng.choice([1e-9, 1e-3]), 1e-8),
-    "joins": lambda rng, seed: (rng.normal(scale=1e-6), rng.normal(scale=2e-6), 1.0, 1e-9),
+    "joins": lambda rng, seed: (rng.normal(scale=1e-6), rng.normal(scale=2e-6), 0.5 * (seed % 3), 1.0, 1e-9),
 }

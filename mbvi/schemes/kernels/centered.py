@@ -40,7 +40,7 @@ def take_near(s: MechanismStep, drift: Array, near: Array) -> int:
             change = 0.0
             for k in range(len(drift)):
                 change += rows.J[a, k] * drift[k]
-            near[a] = joins(rows.gap[a], change, rows.lever[a], tolerance)
+            near[a] = joins(rows.gap[a], change, rows.e[a], rows.lever[a], tolerance)
         if near[a]:
             copy_row(rows, a, near_rows)
     return near_rows.size[0]
@@ -196,7 +196,10 @@ def step_of_shared_closings(s: MechanismStep, t: float, q: Array, v: Array, h: f
     if projects:
         row_speeds(s.rows.J, w, half, change)
         for a in range(count):
-            if not bounces[a]:
+            if bounces[a]:
+                # one that closes until the end bounces, also where its gap is not linear
+                change[a] = min(change[a], gap[a] - s.rows.gap[a])
+            else:
                 # gaps that lead to those of the end, which the position projection takes to be linear
                 s.rows.gap[a] = gap[a] - change[a]
         if write_closing_speeds(
