@@ -1,5 +1,8 @@
 """Support points by hill climbing, and the few points of a face that are kept."""
 
+import pickle
+from functools import wraps
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -7,6 +10,7 @@ from hypothesis import strategies as st
 
 from mbvi.constraints import HalfSpaceContacts
 from mbvi.geometry.narrow.spread import BESIDE, FEW_POINTS, spread_out
+from mbvi.geometry.shapes import flat_faces, shape_table, shapes
 from mbvi.geometry.shapes.hull_graph import DIRECTIONS, cell_of, guides_of, neighbours, outermost
 from mbvi.geometry.shapes.shape_table import ShapeTable, outermost_of_shape
 from mbvi.geometry.shapes.shapes import HalfSpace, Hull, PlacedShape
@@ -24,6 +28,25 @@ seeds = st.integers(0, 10_000)
 # radius, lower by at most the radius times twice the distance of both unit vectors
 FARTHEST = np.arctan(np.sqrt(2.0) / 8.0)
 BESIDE_CELL = 2.0 * 2.0 * np.sin(0.5 * FARTHEST)
+
+
+def counted(make, made):
+    """Return a function that appends its name to a list when it is called."""
+
+    @wraps(make)
+    def call(*given):
+        made.append(make.__name__)
+        return make(*given)
+
+    return call
+
+
+def tables(shape):
+    """The arrays of a hull on a body and over a floor."""
+    placed = [PlacedShape(name, shape, 1 + k, np.eye(3), np.zeros(3)) for k, name in enumerate("ab")]
+    floor = HalfSpaceContacts(bodies(2), [HalfSpace((0.0, 0.0, 1.0), 0.0)] * 2, placed, list("ab"), np.zeros(2))
+    # the last ones are room for results
+    return [*ShapeTable(placed).pairs(np.array([[0, 1]])), *floor.points[:-3]]
 
 
 def radius(points):
@@ -75,6 +98,24 @@ def test_guides_are_the_outermost_points_of_their_cells():
     for n in np.random.default_rng(1).normal(size=(2000, 3)):
         n /= np.linalg.norm(n)
         assert points[guides[cell_of(*n.tolist())]] @ n >= (points @ n).max() - BESIDE_CELL * radius(points)
+
+
+def test_what_is_made_of_a_hull_is_made_once_for_it_and_its_copies(monkeypatch):
+    """Copies of a problem are made of copies of its shapes, and need none of the tables of their corners again."""
+    shape, made = hull(np.random.default_rng(0), True), []
+    for module, name in (
+        (flat_faces, "flat_faces"),
+        (flat_faces, "half_width"),
+        (shapes, "neighbours"),
+        (shape_table, "guides_of"),
+    ):
+        make = getattr(module, name)
+        monkeypatch.setattr(module, name, counted(make, made))
+    first, copies = tables(shape), pickle.loads(pickle.dumps([shape] * 2))
+    assert sorted(made) == ["flat_faces", "guides_of", "half_width", "neighbours"]
+    for table, again in zip(first, tables(copies[0]), strict=True):
+        np.testing.assert_array_equal(table, again)
+    assert len(made) == 4
 
 
 @given(seed=seeds, flat=st.booleans(), depth=st.sampled_from([0.0, 1e-9, 1e-3, 0.1]))

@@ -50,7 +50,6 @@ class ManyCorners:
     """Widths and flat faces of the hulls of many pairs, as `Points` holds them."""
 
     def __init__(self) -> None:
-        self._known: dict[int, tuple[Hull, float, list[Array], Array]] = {}
         self._width: list[float] = []
         self._faces, self._face = [0], [0]
         self._corner, self._facing = [np.zeros(0, np.int64)], [np.zeros((0, 3))]
@@ -60,10 +59,7 @@ class ManyCorners:
         hull, width, normals = placed.shape, 1.0, np.zeros((0, 3))
         faces: list[Array] = []
         if graph and isinstance(hull, Hull):
-            if id(hull) not in self._known:
-                # the hull is kept, so that its number is that of no other one
-                self._known[id(hull)] = hull, half_width(hull), *flat_faces(hull)
-            _, width, faces, normals = self._known[id(hull)]
+            width, (faces, normals) = hull.kept(half_width), hull.kept(flat_faces)
         self._width.append(width)
         self._faces.append(self._faces[-1] + len(faces))
         for corners in faces:

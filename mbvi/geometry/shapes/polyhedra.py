@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 import coal
 import numpy as np
@@ -12,6 +13,7 @@ import numpy as np
 from ...errors import InputError
 
 Array = np.ndarray
+Made = TypeVar("Made")
 
 _CORNERS = 0.5 * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
 # triangles at one vertex, of a hull that Coal can hold
@@ -97,6 +99,15 @@ class Hull(Polyhedron):
         outward = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
         inward = (outward * self.faces[0]).sum(axis=1) < 0.0
         self.triangles[inward] = self.triangles[inward][:, ::-1]
+        self._kept: dict[str, Any] = {}
+
+    def kept(self, make: Callable[[Hull], Made]) -> Made:
+        """Return what a function of a module makes of the hull, which it makes once for the hull and its copies."""
+        name = f"{make.__module__}.{make.__qualname__}"
+        if name not in self._kept:
+            self._kept[name] = make(self)
+        found: Made = self._kept[name]
+        return found
 
     def coal(self, unit: float = 1.0) -> Any:
         """Return the Coal geometry, in units of `unit` [m]."""

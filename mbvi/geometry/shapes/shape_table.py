@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -206,11 +205,11 @@ class ShapeTable:
     @cached_property
     def _guides(self) -> Array:
         """The last field of `Shapes`."""
-        points, ends, first = self.arrays[3:6]
+        ends, first = self.arrays[4:6]
         guides = np.full((len(self), DIRECTIONS), -1)
-        for shape, (a, b) in enumerate(pairwise(ends.tolist())):
-            if first[a + 1] > first[a]:
-                guides[shape] = a + guides_of(points[a:b])
+        for k, (placed, a) in enumerate(zip(self.placed, ends.tolist(), strict=False)):
+            if isinstance(placed.shape, Hull) and first[a + 1] > first[a]:
+                guides[k] = a + placed.shape.kept(_guides_of_hull)
         return guides
 
     @cached_property
@@ -249,15 +248,24 @@ def _kind(shape: Convex) -> int:
     return OTHER
 
 
+def _guides_of_hull(hull: Hull) -> Array:
+    return guides_of(hull.vertices)
+
+
+def _triangles_at_vertices(hull: Hull) -> tuple[Array, Array]:
+    """Return how many triangles each vertex of a hull has, and those triangles, one vertex after the other."""
+    vertex = hull.triangles.ravel()
+    return np.bincount(vertex, minlength=len(hull.vertices)), np.argsort(vertex, kind="stable") // 3
+
+
 def _arrays(shapes: Sequence[PlacedShape], supports: Sequence[_Support], frame: Array) -> tuple[Array, ...]:
     """Return the first fields of `Shapes`, up to `planes`, for shapes on bodies with the given places."""
     first_face, face, planes, count = [0], [np.zeros(0, np.int64)], [np.zeros((0, 4))], 0
     for placed, support in zip(shapes, supports, strict=True):
         hull, entries = placed.shape, np.zeros(len(support.points), np.int64)
         if isinstance(hull, Hull):
-            vertex = hull.triangles.ravel()
-            entries = np.bincount(vertex, minlength=len(support.points))
-            face.append(count + np.argsort(vertex, kind="stable") // 3)
+            entries, triangles = hull.kept(_triangles_at_vertices)
+            face.append(count + triangles)
             planes.append(np.column_stack(hull.faces))
             count += len(hull.triangles)
         first_face.extend((first_face[-1] + np.cumsum(entries)).tolist())

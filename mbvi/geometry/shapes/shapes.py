@@ -184,8 +184,12 @@ Convex = Sphere | Ellipsoid | Box | Hull | Capsule | Cylinder
 def graph_of(shape: Convex, count: int) -> tuple[Array, Array]:
     """Return the graph of the `count` points that describe a shape: without neighbours unless it is a large hull."""
     if isinstance(shape, Hull) and count > FEW_VERTICES:
-        return neighbours(shape.triangles, count)
+        return shape.kept(_graph)
     return no_graph(count)
+
+
+def _graph(hull: Hull) -> tuple[Array, Array]:
+    return neighbours(hull.triangles, len(hull.vertices))
 
 
 @dataclass(frozen=True)
