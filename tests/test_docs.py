@@ -10,6 +10,7 @@ import sys
 import pytest
 
 import mbvi
+from mbvi.compiled.one_process import one_process
 from mbvi.results.replay.browser import Browser, page_address
 from support.browser import needs_browser
 from support.paths import DOCS, EXAMPLES, ROOT
@@ -55,13 +56,19 @@ def test_every_picture_of_a_run_has_its_replay():
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
-    """Build the site; mkdocs is strict, so that a link without a target is an error."""
+    """Build the site, once for all processes that run tests; mkdocs is strict: a link without a target is an error."""
     pytest.importorskip("mkdocs")
-    folder = tmp_path_factory.mktemp("site")
+    shared = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        shared = shared.parent
+    folder, built = shared / "site", shared / "site is built"
     environment = {**os.environ, "NO_MKDOCS_2_WARNING": "1", "MBVI_REPOSITORY": REPOSITORY}
     command = [sys.executable, "-m", "mkdocs", "build", "--quiet", "--site-dir", str(folder)]
-    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True)
-    assert done.returncode == 0, done.stdout + done.stderr
+    with one_process(shared, "site"):
+        if not built.exists():
+            done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True)
+            assert done.returncode == 0, done.stdout + done.stderr
+            built.touch()
     return folder
 
 
