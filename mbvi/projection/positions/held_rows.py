@@ -92,7 +92,9 @@ def strongest_tangents(W: Array, near: Array, sticks: Array, Q: Array) -> int:
     count, size, largest, rows = 0, 0, 0.0, np.empty((m, n))
     for i in range(m):
         if i % 3 > 0 and near[i // 3] and sticks[i // 3]:
-            rows[count] = W[i]
+            # copied by numbers: numba takes seconds to compile an assignment of arrays
+            for k in range(n):
+                rows[count, k] = W[i, k]
             count += 1
     # of many rows the products of columns are the smaller matrix of the same eigenvalues
     many = count > n
