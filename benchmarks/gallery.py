@@ -116,7 +116,7 @@ DRAWN = {
 WITHOUT = {
     "given_functions": "a double pendulum beside a wall, by M, g and f as functions",
     "painleve_rod": "Painlevé's rod: after its end has jammed it turns at 1.2622 rad/s, as by hand",
-    "bowl": "a ball slides through a bowl made as a height field, against a pendulum",
+    "bowl": "a ball slides and rolls through a bowl made as a height field, against pendulums",
     "quadruped_on_rubble": "a quadruped stands on random stones, a height field, and is pushed",
     "funnel": "a thousand grains run through a funnel that is read from an STL file",
     "step_by_hand": "one step at a time",
