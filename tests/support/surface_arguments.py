@@ -259,6 +259,10 @@ def few(rng):
     return rows, count, 0.4, np.zeros(300, np.int64)
 
 
+def touching(rng):
+    return rng.normal(size=(20, 2)), 0.01 * rng.normal(size=20), np.zeros(8, np.int64)
+
+
 def contacts(rng):
     scene = Scene(rng)
     return scene.at(contacts=int(rng.choice([2, 300]))), scene.places, np.array([0, 2]), 0.1
@@ -498,7 +502,9 @@ SURFACE_ARGUMENTS = {
     "sharp_row": sharp_row,
     "round_rows": round_rows,
     "all_rows": every_row,
-    "few_of_each_normal": few,
+    "without_equals": lambda rng: few(rng)[:3],
+    "first_to_touch": touching,
+    "few_of_each_patch": few,
     "surface_contacts": contacts,
     "lowest_gap": every_row,
     "box_apart": box_apart,

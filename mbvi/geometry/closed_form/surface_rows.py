@@ -7,12 +7,11 @@ import numpy as np
 from ...arguments import Array
 from ...compiled import kernel
 from ..meshes.creases import RIDGE, Creases
-from ..narrow.spread import BESIDE, FEW_POINTS, FLAT, few_corners, one_face, spread_out
 from ..shapes.convex_cores import Cores
 from ..shapes.shapes import TILTED
-from ..vectors import within_plane
 from .cores_at_mesh import ON_IT, ON_RIM, PEAK, CoresAtMesh, middle_of, place_feature, travel_from, write_place
 from .feature_clearance import clearance_of_feature, rim_clearance
+from .few_rows import few_of_each_patch
 from .near_features import list_features
 from .surface_features import BESIDE as BESIDE_NORMALS
 from .surface_features import (
@@ -26,10 +25,6 @@ from .surface_features import (
     on_triangle,
 )
 
-# one less the cosine of the angle of two normals that are the same
-_SAME = 1e-12
-# rows nearer to each other than this are one, relative to the radius of the shape
-_EQUAL = 1e-9
 # how far features give way to others, relative to the radius of a ball inside the shape
 _MARGIN = 1e-3
 # steps of a swift core that a list is good for, and how many times wider than others it may be
@@ -238,66 +233,6 @@ def all_rows(at: CoresAtMesh, places: Array, s: int, tolerance: float) -> tuple[
     return 0, at.counts[s], count
 
 
-@kernel("i8(f8[:,::1], i8, f8, i8[::1])")
-def few_of_each_normal(rows: Array, count: int, bound: float, group: Array) -> int:
-    """Keep of equal rows one, and of more than `FEW_POINTS` rows of one normal few; return how many are kept.
-
-    Parameters
-    ----------
-    rows, count
-        See `all_rows`; the kept ones are moved to the front.
-    bound : float
-        Radius of the shape [m].
-    group : ndarray of int, shape (count,)
-        Scratch.
-    """
-    if count < 2:
-        return count
-    along, across, place, gap = np.empty(3), np.empty(3), np.empty((count, 2)), np.empty(count)
-    index, chosen = np.empty(count, np.int64), np.empty(count + FEW_POINTS + 1, np.int64)
-    for i in range(count):
-        group[i] = -1
-    for i in range(count):
-        if group[i] != -1:
-            continue
-        within_plane(rows[i, 4:7], along, across)
-        number, least = 0, np.inf
-        for j in range(i, count):
-            alike = rows[i, 4] * rows[j, 4] + rows[i, 5] * rows[j, 5] + rows[i, 6] * rows[j, 6]
-            if group[j] != -1 or alike < 1.0 - _SAME:
-                continue
-            u = along[0] * rows[j, 1] + along[1] * rows[j, 2] + along[2] * rows[j, 3]
-            v = across[0] * rows[j, 1] + across[1] * rows[j, 2] + across[2] * rows[j, 3]
-            group[j], known = i, False
-            for k in range(number):
-                known = (
-                    known or max(abs(place[k, 0] - u), abs(place[k, 1] - v), abs(gap[k] - rows[j, 0])) < 1e-9 * bound
-                )
-            if known:
-                group[j] = -2
-                continue
-            place[number, 0], place[number, 1], gap[number], index[number] = u, v, rows[j, 0], j
-            least = min(least, rows[j, 0])
-            number += 1
-        if number <= FEW_POINTS:
-            continue
-        for k in range(number):
-            group[index[k]] = -2
-        if one_face(place[:number], gap[:number], bound):
-            kept = few_corners(place[:number], gap[:number], max(least, 0.0) + FLAT * bound, chosen)
-        else:
-            kept = spread_out(place[:number], gap[:number], BESIDE * bound, chosen)
-        for k in range(kept):
-            group[index[chosen[k]]] = i
-    kept = 0
-    for i in range(count):
-        if group[i] != -2:
-            for c in range(7):
-                rows[kept, c] = rows[i, c]
-            kept += 1
-    return kept
-
-
 @kernel("f8(CoresAtMesh, f8[:,:,::1], i8, f8)")
 def lowest_gap(at: CoresAtMesh, places: Array, s: int, tolerance: float) -> float:
     """Return the least gap of core s within a tolerance [m]; infinite if there is none, -inf if there is no room."""
@@ -333,7 +268,7 @@ def surface_contacts(at: CoresAtMesh, places: Array, some: Array, tolerance: flo
         triangles, features, most = max(triangles, near), max(features, listed), max(most, number)
         if number > len(at.rows):
             continue
-        number = few_of_each_normal(at.rows, number, at.cores.sizes[s, 5], at.group)
+        number = few_of_each_patch(at.rows, number, at.cores.sizes[s, 5], at.group)
         for i in range(number):
             if count < len(at.shape):
                 at.shape[count], at.gap[count] = s, at.rows[i, 0]
