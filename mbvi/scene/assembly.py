@@ -60,7 +60,7 @@ class _ConstraintBuilder:
         self.at_rest = "rest" in blocks.reduce
         # points over half-spaces that are left out, in all families made so far
         self.collinear_points = 0
-        self.shapes, self.spheres, self.walls, self.apart = blocks.shapes, blocks.spheres, blocks.walls, blocks.apart
+        self.shapes, self.spheres, self.walls, self.apart = blocks.placed, blocks.spheres, blocks.walls, blocks.apart
 
     def constraints(self, system: System) -> Iterator[ConstraintFamily]:
         items = self.items

@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..arguments import watched
+from ..geometry.shapes.beside_meshes import beside_meshes
 from ..geometry.shapes.shapes import Array, HalfSpace, PlacedShape, Sphere
 from ..system import ArticulatedSystem, BlockSystem, FreeBodies, PlanarBodies, PlanarSpheres, Spheres, System
 from ..system.mechanisms.equalities import Equality
@@ -140,6 +141,11 @@ class Blocks:
     def system(self) -> System:
         """All of them as one system."""
         return self.systems[0] if len(self.systems) == 1 else BlockSystem(self.systems)
+
+    @property
+    def placed(self) -> list[PlacedShape]:
+        """The shapes, fixed ones with what meshes have beside them."""
+        return beside_meshes(self.shapes, self.items.surfaces)
 
     @property
     def length(self) -> float:

@@ -97,6 +97,54 @@ def test_a_ball_with_friction_passes_from_tile_to_tile(scheme, loop, monkeypatch
         np.testing.assert_allclose(ends[0][1], ends[1][1], atol=1e-10)
 
 
+def add_field(scene, frame, along):
+    """A flat field that leads to a box, or one that is cut from a mesh with a rim of other triangles."""
+    place, turn = frame @ np.array([-1.0, 0.0, 0.0]), frame
+    if along == "field":
+        scene.add_heightfield(np.zeros((5, 5)), size=(2.0, 2.0), position=place, rotation=turn)
+        return
+    x, y = (part.ravel() for part in np.meshgrid([-1.0, -0.3, 1.0], [-1.0, 0.07, 1.0]))
+    number = np.arange(9).reshape(3, 3)
+    a, b, c, d = (part.ravel() for part in (number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]))
+    corners = np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
+    vertices = np.column_stack([x, y, np.zeros(9)])
+    scene.add_surface(vertices, corners, one_sided=True, position=place, rotation=turn)
+
+
+@pytest.mark.parametrize("scheme", [*SCHEMES, mbvi.MoreauJean()], ids=repr)
+@pytest.mark.parametrize("kind", ["box", "capsule", "cylinder", "ball"])
+@pytest.mark.parametrize("along", ["field", "mesh"])
+def test_a_body_slides_from_terrain_onto_a_box_beside_it(along, kind, scheme):
+    scene = mbvi.Scene(gravity=-9.81 * TURNED[:, 2])
+    add_field(scene, TURNED, along)
+    scene.add_box((2.0, 2.0, 0.4), position=TURNED @ [1.0, 0.0, -0.2], rotation=TURNED, fixed=True)
+    turn = Rotation.from_euler("z", 0.3).as_matrix()
+    moving = {"mass": 1.0, "velocity": TURNED @ [1.3, 0.1, 0.0], "name": "body"}
+    at = TURNED @ [-0.4, 0.03, 0.1 if kind == "ball" else 0.05]
+    match kind:
+        case "box":
+            scene.add_box((0.2, 0.3, 0.1), position=at, rotation=TURNED @ turn, **moving)
+        case "capsule":
+            scene.add_capsule(0.05, 0.2, position=at, rotation=TURNED @ turn @ LYING, **moving)
+        case "cylinder":
+            scene.add_cylinder(0.1, 0.1, position=at, rotation=TURNED, **moving)
+        case "ball":
+            scene.add_sphere(0.1, position=at, **moving)
+    run = mbvi.simulate(scene.build(), scheme, step=2e-3, duration=0.5)
+    np.testing.assert_allclose(TURNED.T @ run.v[-1, :3], [1.3, 0.1, 0.0], atol=1e-9)
+    np.testing.assert_allclose(run.v[-1, 3:], 0.0, atol=1e-8)
+    assert not run.impacts
+
+
+def test_a_box_that_stands_out_of_a_field_is_in_the_way():
+    scene = mbvi.Scene()
+    add_field(scene, np.eye(3), "field")
+    scene.add_box((2.0, 2.0, 0.4), position=(1.0, 0.0, -0.17), fixed=True)
+    scene.add_box((0.2, 0.3, 0.1), position=(-0.4, 0.03, 0.05), mass=1.0, velocity=(1.3, 0.0, 0.0))
+    run = mbvi.simulate(scene.build(), mbvi.StewartTrinkle(), step=2e-3, duration=0.5)
+    assert run.impacts and run.q[-1, 0] < 0.0
+
+
 def test_many_spheres_roll_over_tiles_without_loss():
     scene = scene_on_bricks(np.eye(3))
     for i, j in itertools.product(range(6), range(6)):

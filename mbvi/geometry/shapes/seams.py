@@ -20,7 +20,7 @@ from .shapes import PlacedShape
 
 # lengths are relative to the bounding radius of a shape
 # parts that are apart by less touch each other; points that are so level belong to one face
-_TOUCHING = 1e-6
+TOUCHING = 1e-6
 # how far beside a point of contact a face is looked at: a body that has sunk into a corner touches both faces behind it
 _BESIDE = 0.02
 
@@ -60,16 +60,23 @@ def seams_of(placed: Sequence[PlacedShape]) -> Seams:
     motion = np.array([id(placed[k].motion) for k in solid])
     near: dict[int, Array] = {}
     for i, k in enumerate(solid):
-        reach = _TOUCHING * size[k]
+        reach = TOUCHING * size[k]
         beside = (low <= high[i] + reach).all(axis=1) & (high >= low[i] - reach).all(axis=1) & (motion == motion[i])
         beside[i] = False
         if beside.any():
             near[k] = numbers[beside]
+    planes: dict[int, Array] = {}
+    count = len(placed)
+    for k in solid:
+        # what is solid beside it has numbers behind those of the shapes
+        for part in placed[k].beside:
+            near[k] = np.append(near.get(k, numbers[:0]), count)
+            (vertices[count], planes[count]), count = part, count + 1
     if not near:
         none: Any = np.zeros(0, np.int64)
         return Seams(none, none, none, np.zeros((0, 3)), none, np.zeros((0, 4)), size)
-    planes = {k: _planes(placed[k], solid[k]) for k in near}
-    return Seams(*_stacked(near, len(placed)), *_stacked(vertices, len(placed)), *_stacked(planes, len(placed)), size)
+    planes |= {k: _planes(placed[k], solid[k]) for k in near}
+    return Seams(*_stacked(near, count), *_stacked(vertices, count), *_stacked(planes, count), size)
 
 
 def _planes(placed: PlacedShape, shape: Polyhedron) -> Array:
@@ -98,7 +105,7 @@ def reach_along(seams: Seams, shape: int, n: Array) -> float:
 @kernel("b1(Seams, i8, f8[::1], f8[::1])")
 def is_hidden_at(seams: Seams, shape: int, point: Array, n: Array) -> bool:
     """Return whether a neighbour of a shape holds a point, shape (3,), and reaches farther than it along n."""
-    reach = _TOUCHING * seams.size[shape]
+    reach = TOUCHING * seams.size[shape]
     level = n[0] * point[0] + n[1] * point[1] + n[2] * point[2]
     for i in range(seams.first_neighbour[shape], seams.first_neighbour[shape + 1]):
         other, holds = seams.neighbour[i], True
@@ -138,14 +145,14 @@ def is_covered(seams: Seams, shape: int, gap: float, middle: Array, normal: Arra
     if not is_hidden_at(seams, shape, point, n):
         return False
     size = seams.size[shape]
-    level = reach_along(seams, shape, n) - _TOUCHING * size
+    level = reach_along(seams, shape, n) - TOUCHING * size
     for k in range(seams.first_vertex[shape], seams.first_vertex[shape + 1]):
         v, square = seams.vertex[k], 0.0
         if n[0] * v[0] + n[1] * v[1] + n[2] * v[2] < level:
             continue
         for c in range(3):
             square += (v[c] - point[c]) ** 2
-        if square > (_TOUCHING * size) ** 2:
+        if square > (TOUCHING * size) ** 2:
             share = min(_BESIDE * size / np.sqrt(square), 1.0)
             for c in range(3):
                 beside[c] = point[c] + share * (v[c] - point[c])

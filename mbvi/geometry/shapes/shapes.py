@@ -211,6 +211,8 @@ class PlacedShape:
         Red, green, blue, opacity in [0, 1].
     motion : Motion, optional
         Prescribed motion of a shape of the world.
+    beside : tuple of (ndarray, ndarray)
+        Vertices, shape (v, 3), and planes, shape (f, 4), in the world, of what is solid beside a fixed polyhedron.
     """
 
     name: str
@@ -220,3 +222,4 @@ class PlacedShape:
     position: Array
     color: tuple[float, float, float, float] = (0.6, 0.65, 0.72, 1.0)
     motion: Motion | None = None
+    beside: tuple[tuple[Array, Array], ...] = ()
