@@ -176,10 +176,16 @@ def test_what_was_known_before_does_not_change_a_byte(seed, far, kinds):
     rng = np.random.default_rng(seed)
     pair = Pair(rng, kinds, far)
     begin = pair.axes.shapes.first_point
-    results = []
+    results, there = [], pair.places.copy()
     for start in (np.full(3, np.nan), unit(rng), unit(rng)):
-        pair.axes.shapes.start[0] = rng.integers(begin[:2], begin[1:3])
+        pair.axes.shapes.start[0, :2], pair.axes.shapes.start[0, 2:] = rng.integers(begin[:2], begin[1:3]), -1
         results.append(pair.measured(start))
+    for way in (0.0, 1e-9, 1e-4, 0.1):
+        # measured where it was before, with the corners of that result
+        pair.places[1, 3] += way * pair.size * rng.normal(size=3)
+        before = pair.measured(unit(rng))[1]
+        pair.places[:] = there
+        results.append(pair.measured(before))
     for other in results[1:]:
         assert other[0] == results[0][0]
         np.testing.assert_array_equal(other[1], results[0][1])

@@ -4,9 +4,10 @@ import numpy as np
 
 from mbvi.geometry.broad import separating_axis
 from mbvi.geometry.broad.separating_axis import SeparatingAxes, place_pair
-from mbvi.geometry.narrow import core_search, kinks, refined_distance
+from mbvi.geometry.narrow import core_points, kinks, refined_distance
 from mbvi.geometry.narrow import normal_search as search
 from mbvi.geometry.narrow.contact_patch import MOST_GATHERED
+from mbvi.geometry.narrow.core_search import search_cores
 from mbvi.geometry.narrow.proved_depth import MOST_POINTS
 from mbvi.geometry.shapes.shape_table import ShapeTable
 from mbvi.geometry.shapes.shapes import Box, Capsule, Cylinder, Ellipsoid, Hull, PlacedShape, Sphere
@@ -251,9 +252,37 @@ def better_direction(rng):
 
 def turn_to(rng):
     world, shapes, pair, n = pair_of(rng)
-    active = np.zeros((4, 6))
-    core_search.lowest_difference(world, shapes, pair, *n.tolist(), core_search.CORNERS, active, 0)
+    active = np.zeros((4, 8))
+    core_points.lowest_difference(world, shapes, pair, *n.tolist(), core_points.CORNERS, active, 0)
     return world, shapes, pair, n, unit(rng), active, 1
+
+
+def corners(rng):
+    """A pair and its axis, with the corners of three points of its difference, which may be those of a result."""
+    world, shapes, pair, n = pair_of(rng)
+    if rng.random() < 0.5:
+        search_cores(world, shapes, pair, n, False, np.zeros(3))
+    count = int((shapes.start[pair, 2::2] >= 0).sum())
+    for side in range(2):
+        s = shapes.sides[pair, side]
+        begin, end = shapes.first_point[s], shapes.first_point[s + 1]
+        # others for those that are not known
+        others = rng.integers(*((begin, end) if end - begin > 1 else (0, 8)), size=3)
+        shapes.start[pair, 2 + side + 2 * count :: 2] = others[count:]
+    return world, shapes, pair, n
+
+
+def active_points(rng):
+    """The same with the points."""
+    world, shapes, pair, n = corners(rng)
+    active = np.zeros((4, 8))
+    for i in range(3):
+        core_points.difference_of(world, shapes, pair, *shapes.start[pair, 2 + 2 * i : 4 + 2 * i].tolist(), active, i)
+    return world, shapes, pair, n, active
+
+
+def ended_search(rng):
+    return *active_points(rng), rng.random(3), int(rng.integers(1, 4)), np.zeros(3)
 
 
 def maximum(rng):
@@ -310,7 +339,7 @@ DISTANCE_ARGUMENTS = {
     "least_within": triangle,
     "one_norm": lambda rng: (unit(rng),),
     "longest_side": triangle,
-    "farthest_point": lambda rng: (*pair_of(rng)[:3], *triangle(rng), int(rng.integers(3)), np.zeros((1, 6))),
+    "farthest_point": lambda rng: (*pair_of(rng)[:3], *triangle(rng), int(rng.integers(3)), np.zeros((1, 8))),
     "better_direction": better_direction,
     "is_curved": lambda rng: (axes_of(rng)[0].shapes, 0),
     "on_circle": lambda rng: (*rng.normal(size=2).tolist(), int(rng.choice([0, 16]))),
@@ -318,12 +347,12 @@ DISTANCE_ARGUMENTS = {
         *pair_of(rng)[:3],
         *unit(rng).tolist(),
         int(rng.choice([0, 16])),
-        np.zeros((4, 6)),
+        np.zeros((4, 8)),
         int(rng.integers(4)),
     ),
-    "move_point": lambda rng: (rng.normal(size=(4, 6)), *rng.integers(4, size=2).tolist()),
-    "on_face": lambda rng: (np.round(2.0 * rng.normal(size=(4, 6))), unit(rng), np.zeros(3)),
-    "on_edge": lambda rng: (rng.normal(size=(4, 6)), int(rng.integers(1, 3)), unit(rng), np.zeros(3), np.zeros(3)),
+    "move_point": lambda rng: (rng.normal(size=(4, 8)), *rng.integers(4, size=2).tolist()),
+    "on_face": lambda rng: (np.round(2.0 * rng.normal(size=(4, 8))), unit(rng), np.zeros(3)),
+    "on_edge": lambda rng: (rng.normal(size=(4, 8)), int(rng.integers(1, 3)), unit(rng), np.zeros(3), np.zeros(3)),
     "steepest": lambda rng: (
         unit(rng),
         unit(rng),
@@ -332,14 +361,44 @@ DISTANCE_ARGUMENTS = {
         np.zeros(3),
     ),
     "turn_to": turn_to,
-    "approach": lambda rng: (*pair_of(rng), np.zeros((4, 6)), float(rng.choice([0.0, 0.1])), int(rng.choice([0, 4]))),
-    "ascend": lambda rng: (*pair_of(rng), np.zeros((4, 6)), np.zeros(3)),
+    "approach": lambda rng: (*pair_of(rng), np.zeros((4, 8)), float(rng.choice([0.0, 0.1])), int(rng.choice([0, 4]))),
+    "ascend": lambda rng: (*pair_of(rng), np.zeros((4, 8)), np.zeros(3)),
     "write_midpoint": lambda rng: (
         *pair_of(rng),
-        rng.normal(size=(4, 6)),
+        rng.normal(size=(4, 8)),
         rng.random(3),
         int(rng.integers(1, 4)),
         np.zeros(3),
+    ),
+    "take_corner": lambda rng: (
+        active_points(rng)[0],
+        int(rng.integers(2)),
+        int(rng.integers(8)),
+        *rng.normal(size=3).tolist(),
+        rng.normal(size=(4, 8)),
+        int(rng.integers(4)),
+    ),
+    "difference_of": lambda rng: (
+        *corners(rng)[:2],
+        0,
+        *corners(rng)[1].start[0, 2:4].tolist(),
+        np.zeros((4, 8)),
+        int(rng.integers(4)),
+    ),
+    "are_edges": lambda rng: (rng.integers(2, size=(4, 8)).astype(float),),
+    "on_foot": lambda rng: (rng.normal(size=(4, 8)), int(rng.integers(1, 3)), unit(rng), np.zeros(3)),
+    "order_corners": lambda rng: (*active_points(rng), int(rng.integers(1, 4)), np.zeros(3)),
+    "corners_of": lambda rng: (*corners(rng), np.zeros((4, 8)), np.zeros(3)),
+    "finish": ended_search,
+    "search_from_corners": lambda rng: (*corners(rng), np.zeros((4, 8)), np.zeros(3)),
+    "_known_maximum": lambda rng: (
+        *pair_of(rng),
+        float(rng.normal()),
+        int(rng.integers(1, 3)),
+        bool(rng.integers(2)),
+        0.2,
+        np.zeros((2, MOST_POINTS, 2)),
+        np.zeros(2, np.int64),
     ),
     "search_cores": lambda rng: (*pair_of(rng), bool(rng.integers(2)), np.zeros(3)),
     "_curved_maximum": lambda rng: (*pair_of(rng), *maximum(rng)[5:-2]),
@@ -347,7 +406,7 @@ DISTANCE_ARGUMENTS = {
         *pair_of(rng),
         bool(rng.integers(2)),
         float(rng.choice([0.0, 0.1])),
-        np.zeros((4, 6)),
+        np.zeros((4, 8)),
     ),
     "_maximum": maximum,
     "_points_about": points_about,

@@ -253,8 +253,8 @@ def carry_axes(
         if k < len(number) and number[k] == new_number[i]:
             for c in range(3):
                 new_axis[i, c] = axis[k, c]
-            for side in range(2):
-                new_start[i, side] = start[k, side]
+            for j in range(start.shape[1]):
+                new_start[i, j] = start[k, j]
 
 
 class SeparatingAxes:

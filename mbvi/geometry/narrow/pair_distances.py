@@ -15,7 +15,7 @@ from ...arguments import Array
 from ...compiled import kernel
 from ..broad.separating_axis import Shapes, axis_in_world, first_axis, pair_separation, place_pair
 from .contact_patch import MOST_GATHERED, shared_region
-from .core_search import approach, is_curved, search_cores
+from .core_search import approach, is_curved, search_cores, search_from_corners
 from .proved_depth import MOST_POINTS, better_direction, disc_radius, level_points, share_a_line, widest_angle
 from .refined_distance import FAILED, FLAT, UNIQUE, refine_pair
 
@@ -68,6 +68,26 @@ def _curved_maximum(
     return FAILED, apart
 
 
+@kernel("Tuple((i8, f8))(f8[:,:,::1], Shapes, i8, f8[::1], f8, i8, b1, f8, f8[:,:,::1], i8[::1])")
+def _known_maximum(
+    world: Array, shapes: Shapes, pair: int, n: Array, apart: float, found: int, known: bool, bound: float, flat: Array,
+    count: Array,
+) -> tuple[int, float]:  # fmt: skip
+    """Return state and sure angle, as of `_maximum`, of a maximum n with a separation.
+
+    `known` says whether it is one of the cores themselves.
+    """
+    a, b, curved = shapes.sides[pair, 0], shapes.sides[pair, 1], is_curved(shapes, pair)
+    level_points(world, shapes, pair, n, bound, flat, count)
+    if not curved and share_a_line(flat, count):
+        found = FLAT
+    depth = -apart - shapes.sizes[a, 3] - shapes.sizes[b, 3]
+    if depth < 0.0:
+        return found, np.pi if known else 0.0
+    radius = (1.0 - _MARGIN) * disc_radius(flat[0], flat[1], count[0], count[1])
+    return found, 2.0 * np.arctan2(max(radius, 0.0), depth)
+
+
 @kernel(
     "Tuple((i8, f8, f8))(f8[:,:,::1], Shapes, i8, f8[::1], b1, f8, f8[::1], f8[::1], f8[:,::1], f8[:,:,::1], i8[::1])"
 )
@@ -89,22 +109,15 @@ def _maximum(
     sure : float
         The angle to n up to which nothing separates more [rad]; pi where the cores are apart and n is a maximum.
     """
-    a, b, found, curved = shapes.sides[pair, 0], shapes.sides[pair, 1], UNIQUE, is_curved(shapes, pair)
-    known = True
+    found, curved, known = UNIQUE, is_curved(shapes, pair), True
     if curved:
         found, apart = _curved_maximum(world, shapes, pair, n, bound, nearest, gaps, corners)
         known = found != FAILED
         found = found if known else UNIQUE
     else:
         apart = search_cores(world, shapes, pair, n, about, nearest)[1]
-    level_points(world, shapes, pair, n, bound, flat, count)
-    if not curved and share_a_line(flat, count):
-        found = FLAT
-    depth = -apart - shapes.sizes[a, 3] - shapes.sizes[b, 3]
-    if depth < 0.0:
-        return found, apart, np.pi if known else 0.0
-    radius = (1.0 - _MARGIN) * disc_radius(flat[0], flat[1], count[0], count[1])
-    return found, apart, 2.0 * np.arctan2(max(radius, 0.0), depth)
+    found, sure = _known_maximum(world, shapes, pair, n, apart, found, known, bound, flat, count)
+    return found, apart, sure
 
 
 @kernel("f8(f8[:,:,::1], Shapes, i8, f8[::1], b1, f8, f8[:,::1])")
@@ -156,28 +169,37 @@ def distances_from_axes(
     """
     shapes, world, n, nearest = Shapes(*tables), np.empty((2, 4, 3)), np.empty(3), np.empty(3)
     gaps, corners = np.empty(4 * MOST_GATHERED), np.empty((4 * MOST_GATHERED, 3))
-    flat, count, active = np.empty((2, MOST_POINTS, 2)), np.empty(2, np.int64), np.empty((4, 6))
+    flat, count, active = np.empty((2, MOST_POINTS, 2)), np.empty(2, np.int64), np.empty((4, 8))
     for i in range(len(pairs)):
         pair = pairs[i]
         place_pair(places, shapes, pair, world)
         known, exact = axis[pair, 0] == axis[pair, 0], near == np.inf
         if known:
             axis_in_world(places, shapes.frame[shapes.sides[pair, 0]], axis, pair, n)
-        if not exact:
+        balls = shapes.sizes[shapes.sides[pair, 0], 3] + shapes.sizes[shapes.sides[pair, 1], 3]
+        equal = (_EQUAL_CURVED if is_curved(shapes, pair) else _EQUAL) * bound[pair]
+        found, sure, proved, again, apart = UNIQUE, 0.0, False, 0, -np.inf
+        if known:
+            again, apart = search_from_corners(world, shapes, pair, n, active, nearest)
+        if again > 0:
+            found, sure = _known_maximum(world, shapes, pair, n, apart, UNIQUE, True, bound[pair], flat, count)
+            if found != UNIQUE or count[0] + count[1] != again + 1:
+                # of more level points it depends on the search which are taken
+                again = 0
+                axis_in_world(places, shapes.frame[shapes.sides[pair, 0]], axis, pair, n)
+        if again == 0 and not exact:
             apart = _nearly_apart(world, shapes, pair, n, known, near, active)
             if apart > near:
                 state[i], distance[i] = UNIQUE, apart
                 for c in range(3):
                     normal[i, c], middle[i, c] = n[c], world[0, 3, c]
                 continue
-        balls = shapes.sizes[shapes.sides[pair, 0], 3] + shapes.sizes[shapes.sides[pair, 1], 3]
-        equal = (_EQUAL_CURVED if is_curved(shapes, pair) else _EQUAL) * bound[pair]
-        found, apart, sure, proved = FAILED, -np.inf, 0.0, False
         if known:
-            # the last axis of a pair that is near, or what it was turned to, is near the result
-            found, apart, sure = _maximum(
-                world, shapes, pair, n, not exact, bound[pair], nearest, gaps, corners, flat, count
-            )
+            if again == 0:
+                # the last axis of a pair that is near, or what it was turned to, is near the result
+                found, apart, sure = _maximum(
+                    world, shapes, pair, n, not exact, bound[pair], nearest, gaps, corners, flat, count
+                )
             # where curved cores overlap, the last digits may depend on where the search began
             if apart + balls > 0.0 or not is_curved(shapes, pair):
                 proved = widest_angle(world, shapes, pair, n, -apart - balls) <= sure

@@ -25,7 +25,7 @@ from ...compiled import kernel
 from ..broad.separating_axis import Shapes, between_centres
 from ..shapes.features import near_corners, near_vertices
 from ..vectors import cross, dot, normalise, within_plane
-from .core_search import lowest_difference
+from .core_points import lowest_difference
 
 # points of the face of each core that are looked at, and how far below the outermost they may be, relative to the
 # radius of the smaller shape
@@ -206,7 +206,7 @@ def longest_side(triangle: Array) -> int:
 
 @kernel("f8(f8[:,:,::1], Shapes, i8, f8[:,:,::1], i8, f8[:,::1])")
 def farthest_point(world: Array, shapes: Shapes, pair: int, triangle: Array, corner: int, room: Array) -> float:
-    """Write the point in which D reaches farthest along a corner; return h there. `room` has shape (1, 6)."""
+    """Write the point in which D reaches farthest along a corner; return h there. `room` has shape (1, 8)."""
     n = triangle[0, corner]
     lowest_difference(world, shapes, pair, n[0], n[1], n[2], 0, room, 0)
     for c in range(3):
@@ -233,7 +233,7 @@ def better_direction(
         Minus that maximum, which may be below 0 [m], the angle to n up to which no direction is better [rad], and how
         much better it must be to matter [m].
     """
-    waiting, room, count = np.empty((_MOST_WAITING, 2, 3, 3)), np.empty((1, 6)), 8
+    waiting, room, count = np.empty((_MOST_WAITING, 2, 3, 3)), np.empty((1, 8)), 8
     nearly, size = np.cos(min(sure, 0.5 * np.pi)), 0.0
     for octant in range(8):
         for j in range(3):

@@ -82,8 +82,9 @@ class Shapes(NamedTuple):
         Outward unit normal and offset of each face in its shape's frame.
     sides : ndarray of int, shape (n, 2)
         The shapes of each pair.
-    start : ndarray of int, shape (n, 2)
-        The outermost points of the shapes of each pair at the last call; written by kernels.
+    start : ndarray of int, shape (n, 8)
+        The outermost points of the shapes of each pair at the last call, then the corners of the three points of the
+        last result, as of `core_points`, of which the first is -1 where they are not known; written by kernels.
     taken : ndarray of bool, shape (k,)
         False for every point, between calls of kernels.
     inside : ndarray, shape (s, 4)
@@ -177,7 +178,9 @@ class ShapeTable:
         """Return the shapes and some pairs of them, shape (n, 2), as kernels take them."""
         # what kernels write to is the list's own, so that lists can be used on several threads
         taken = np.zeros(len(self.arrays[3]), bool)
-        fields: Any = (*self.arrays, sides, self.arrays[4][sides], taken, self._balls, self._guides)
+        start = np.full((len(sides), 8), -1)
+        start[:, :2] = self.arrays[4][sides]
+        fields: Any = (*self.arrays, sides, start, taken, self._balls, self._guides)
         return Shapes(*fields)
 
     @cached_property
