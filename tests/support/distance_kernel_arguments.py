@@ -281,6 +281,11 @@ def active_points(rng):
     return world, shapes, pair, n, active
 
 
+def difference(rng):
+    world, shapes, pair, _ = corners(rng)
+    return world, shapes, pair, *shapes.start[pair, 2:4].tolist(), np.zeros((4, 8)), int(rng.integers(4))
+
+
 def ended_search(rng):
     return *active_points(rng), rng.random(3), int(rng.integers(1, 4)), np.zeros(3)
 
@@ -378,13 +383,7 @@ DISTANCE_ARGUMENTS = {
         rng.normal(size=(4, 8)),
         int(rng.integers(4)),
     ),
-    "difference_of": lambda rng: (
-        *corners(rng)[:2],
-        0,
-        *corners(rng)[1].start[0, 2:4].tolist(),
-        np.zeros((4, 8)),
-        int(rng.integers(4)),
-    ),
+    "difference_of": difference,
     "are_edges": lambda rng: (rng.integers(2, size=(4, 8)).astype(float),),
     "on_foot": lambda rng: (rng.normal(size=(4, 8)), int(rng.integers(1, 3)), unit(rng), np.zeros(3)),
     "order_corners": lambda rng: (*active_points(rng), int(rng.integers(1, 4)), np.zeros(3)),
