@@ -85,26 +85,6 @@ def same_bytes(run, other):
 # one step
 
 
-def run_and_its_steps(problem, scheme, steps):
-    """Return a run without the loop, its steps, and whether Coulomb's law had one answer in each.
-
-    There are no steps where some of the run are not whole steps of the scheme: bodies sleep, or a step is retaken.
-    """
-    taken, step = {}, type(scheme).step
-
-    def keep(self, problem, t, q, v, h, projector):
-        new = step(self, problem, t, q, v, h, projector)
-        taken[t, h, q.tobytes(), v.tobytes()] = new, projector.friction.start.unique
-        return new
-
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(type(scheme), "step", keep)
-        run = by_python(patched, problem, scheme, step=STEP, duration=steps * STEP)
-    starts = (problem.t0 + STEP * np.arange(len(run.t) - 1)).tolist()
-    keys = [(t, STEP, q.tobytes(), v.tobytes()) for t, q, v in zip(starts, run.q, run.v, strict=False)]
-    return run, [taken[key] for key in keys] if taken.keys() == set(keys) else None
-
-
 def steps_of_the_loop(problem, scheme, run):
     """Yield the state after one step of the loop from each state of a run, None where it leaves the step to Python."""
     count = len(run.t) - 1
@@ -134,13 +114,12 @@ def spread_by_rounding(problem, scheme, t, q, v, step):
     return most
 
 
-def steps_that_agree(problem, scheme, steps, disturbance=0.0, spread=0.0, run=None, taken=None):
+def steps_that_agree(problem, scheme, steps, disturbance=0.0, spread=0.0, run=None):
     """Compare single steps from states; yield those of the scheme, None where the loop leaves one to it.
 
     The states are those of a run, given or new, each coordinate disturbed by some `disturbance` [m or rad]. Where
     Coulomb's law may have several answers, velocities may differ by `spread`, relative to the largest: by so much they
     differ from other starts, too; or by a few times what rounding of the state makes of the scheme's own step.
-    The scheme's steps from the states of a given run may be given, as `taken`.
     """
     if run is None:
         with pytest.MonkeyPatch.context() as patched:
@@ -153,13 +132,9 @@ def steps_that_agree(problem, scheme, steps, disturbance=0.0, spread=0.0, run=No
     other.system.start()
     projector, _ = projector_of(other, scheme, None, None, None)
     for i, state in enumerate(steps_of_the_loop(copied(problem), scheme, run)):
-        if taken is not None:
-            step, unique = taken[i]
-        else:
-            step = scheme.step(other, problem.t0 + i * STEP, run.q[i], run.v[i], STEP, projector)
-            unique = projector.friction.start.unique
+        step = scheme.step(other, problem.t0 + i * STEP, run.q[i], run.v[i], STEP, projector)
         if state is not None:
-            may_differ = step.slip is not None and not unique
+            may_differ = step.slip is not None and not projector.friction.start.unique
             least = max(spread, 1e-12) if may_differ else 1e-12
             largest = max(1.0, np.abs(step.q).max(), np.abs(step.v).max())
             # position projections of kernels and of Python round in different orders
@@ -175,25 +150,23 @@ def steps_that_agree(problem, scheme, steps, disturbance=0.0, spread=0.0, run=No
             np.testing.assert_allclose(state.active.gap, step.active.gap, rtol=0.0, atol=1e-12 + moved)
             np.testing.assert_array_equal(state.active.restitution, step.active.restitution)
             most = least / 1e-12 * np.abs(step.rates).max(initial=1.0)
-            J, p, first = step.active.jacobian, state.rates[0] - step.percussion, 0
+            J, p, unique = step.active.jacobian, state.rates[0] - step.percussion, 0
             if spread and step.slip is not None:
                 J = np.concatenate([J, step.active.tangents.jacobian])
                 p = np.concatenate([p, (state.slip[0] - step.slip[0]).ravel()])
             if (spread or step.slip is None) and len(p) and np.linalg.matrix_rank(J) < len(p):
                 # rows that depend on each other: only what their percussions do together is unique
                 np.testing.assert_allclose(J.T @ p, 0.0, rtol=0.0, atol=1e-11 * most)
-                first = 1
-            np.testing.assert_allclose(state.rates[first:], step.rates[first:], rtol=0.0, atol=1e-11 * most)
+                unique = 1
+            np.testing.assert_allclose(state.rates[unique:], step.rates[unique:], rtol=0.0, atol=1e-11 * most)
             if step.slip is not None:
-                np.testing.assert_allclose(state.slip[first:], step.slip[first:], rtol=0.0, atol=1e-11 * most)
+                np.testing.assert_allclose(state.slip[unique:], step.slip[unique:], rtol=0.0, atol=1e-11 * most)
         yield None if state is None else step
 
 
 def share_that_agrees(problem, scheme, steps, spread=0.0):
     """Compare single steps from the states of a run; return the share of those that the loop takes."""
-    run, taken = run_and_its_steps(problem, scheme, steps)
-    agreeing = steps_that_agree(problem, scheme, steps, spread=spread, run=run, taken=taken)
-    return np.mean([step is not None for step in agreeing])
+    return np.mean([step is not None for step in steps_that_agree(problem, scheme, steps, spread=spread)])
 
 
 @each_scheme
