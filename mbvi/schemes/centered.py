@@ -98,8 +98,9 @@ class Centered(Scheme):
             change = half * active.speeds(v)
             bounces = largest_of_parts(ahead.jacobian, problem.constraints.part, bouncing) > 0.0
             active = active._replace(gap=np.where(bounces, active.gap, ahead.gap - change))
-            # one that closes until the end bounces, also where its gap is not linear
-            change = np.where(bounces, np.minimum(change, ahead.gap - active.gap), change)
+            # one that closes until the end bounces, also if its gap is not linear; elsewhere rounding would decide
+            elastic = bounces & (active.restitution >= 1.0)
+            change = np.where(elastic, np.minimum(change, ahead.gap - active.gap), change)
             opened = closing_speeds(problem, active, half, change)
         w, rates, residual, slip, found = law(projector, v, motion, *self.rows_of_law(active, v, opened))
         active = active._replace(restitution=found.restitution)

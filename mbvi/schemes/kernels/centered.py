@@ -197,8 +197,9 @@ def step_of_shared_closings(s: MechanismStep, t: float, q: Array, v: Array, h: f
         row_speeds(s.rows.J, w, half, change)
         for a in range(count):
             if bounces[a]:
-                # one that closes until the end bounces, also where its gap is not linear
-                change[a] = min(change[a], gap[a] - s.rows.gap[a])
+                # one that closes until the end bounces, also if its gap is not linear; elsewhere rounding would decide
+                if s.rows.e[a] >= 1.0:
+                    change[a] = min(change[a], gap[a] - s.rows.gap[a])
             else:
                 # gaps that lead to those of the end, which the position projection takes to be linear
                 s.rows.gap[a] = gap[a] - change[a]

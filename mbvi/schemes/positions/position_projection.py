@@ -129,8 +129,8 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
         # a row that was open where the law acts may close by the end of the step: otherwise it would bear load there
         opened = np.zeros(len(joined.gap))
         if drift:
-            before_end = drift * joined.speeds(step.v) + times(joined.jacobian, projected.displacement)
-            opened = np.maximum(joined.gap - before_end, 0.0) / drift
+            gap = joined.gap - drift * joined.speeds(step.v) - times(joined.jacobian, projected.displacement)
+            opened = np.maximum(gap, 0.0) / drift
             rows = rows._replace(gap=np.concatenate([step.active.gap, drift * opened]))
         slack, joins = np.concatenate([slack, opened]), np.arange(len(rows.gap)) >= count
         before_law = rows.speeds(applied.v)
