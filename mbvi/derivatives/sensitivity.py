@@ -73,7 +73,8 @@ class Sensitivity:
 
         In lengths of the scene and rad, and these a second. Takes "state" in `wrt`.
         """
-        return growth(self._varied.problem, self.matrices, self._varied.varied)
+        known = self.run.record.growth
+        return growth(self._varied.problem, self.matrices, self._varied.varied) if known is None else known
 
     def trusted_until(self, digits: float = 3.0, start: float = 2.0**-52) -> float:
         """Return the time until which the start, as exactly as it is known, leaves digits of the states [s].

@@ -388,7 +388,7 @@ DISTANCE_ARGUMENTS = {
     "on_foot": lambda rng: (rng.normal(size=(4, 8)), int(rng.integers(1, 3)), unit(rng), np.zeros(3)),
     "order_corners": lambda rng: (*active_points(rng), int(rng.integers(1, 4)), np.zeros(3)),
     "corners_of": lambda rng: (*corners(rng), np.zeros((4, 8)), np.zeros(3)),
-    "finish": ended_search,
+    "separation_and_midpoint": ended_search,
     "search_from_corners": lambda rng: (*corners(rng), np.zeros((4, 8)), np.zeros(3)),
     "_known_maximum": lambda rng: (
         *pair_of(rng),

@@ -11,7 +11,7 @@ import numpy as np
 
 from ...arguments import Array
 from ...compiled import kernel
-from ..narrow.spread import BESIDE, FEW_POINTS, FLAT, few_corners, one_face
+from ..narrow.spread import BESIDE, FEW_POINTS, FLAT, few_corners, make_ascending, one_face
 from ..vectors import within_plane
 
 # rows nearer to each other than this are one, relative to the radius of the shape
@@ -71,12 +71,7 @@ def first_to_touch(place: Array, gap: Array, chosen: Array) -> int:
                 if best < 0 or gap[i] - BESIDE * far[i] < gap[best] - BESIDE * far[best]:
                     best = i
         last = best
-    for k in range(1, len(chosen)):
-        i, j = chosen[k], k
-        while j > 0 and chosen[j - 1] > i:
-            chosen[j] = chosen[j - 1]
-            j -= 1
-        chosen[j] = i
+    make_ascending(chosen, len(chosen))
     return len(chosen)
 
 

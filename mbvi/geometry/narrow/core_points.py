@@ -1,4 +1,4 @@
-"""Points of the difference of two convex cores, and what three of them say about a maximum of the separation.
+"""Points of the difference of two convex cores, and the maximum of the separation on one to three of them.
 
 Arguments that kernels here share: `world`, shape (2, 4, 3), says where the two shapes of a pair are; `active`, shape
 (4, 8), holds in each row a point of D, see `core_search`, the point of the first core that it is from, about the origin

@@ -192,7 +192,7 @@ def write_midpoint(
 
 
 @kernel("f8(f8[:,:,::1], Shapes, i8, f8[::1], f8[:,::1], f8[::1], i8, f8[::1])")
-def finish(
+def separation_and_midpoint(
     world: Array, shapes: Shapes, pair: int, n: Array, active: Array, share: Array, count: int, nearest: Array
 ) -> float:
     """Write the point midway between the surfaces, and return the separation along n, which is a maximum [m]."""
@@ -240,15 +240,15 @@ def search_cores(
             before[c] = x
         if same or count == 0:
             break
-    if count == 0:
-        lowest_difference(world, shapes, pair, n[0], n[1], n[2], CORNERS, active, 0)
-        share[0] = 1.0
     known = count > 0 and not is_curved(shapes, pair)
     if known and not order_corners(world, shapes, pair, n, active, count, share):
         known, count = False, ascend(world, shapes, pair, n, active, share)
+    if count == 0:
+        lowest_difference(world, shapes, pair, n[0], n[1], n[2], CORNERS, active, 0)
+        share[0] = 1.0
     for i in range(6):
         shapes.start[pair, 2 + i] = np.int64(active[i // 2, 6 + i % 2]) if known and i < 2 * count else -1
-    return count > 0, finish(world, shapes, pair, n, active, share, max(count, 1), nearest)
+    return count > 0, separation_and_midpoint(world, shapes, pair, n, active, share, max(count, 1), nearest)
 
 
 @kernel("Tuple((i8, f8))(f8[:,:,::1], Shapes, i8, f8[::1], f8[:,::1], f8[::1])")
@@ -263,7 +263,7 @@ def search_from_corners(
     count = corners_of(world, shapes, pair, n, active, share)
     if count == 0:
         return 0, 0.0
-    apart = finish(world, shapes, pair, n, active, share, count, nearest)
+    apart = separation_and_midpoint(world, shapes, pair, n, active, share, count, nearest)
     above = 0.0
     for c in range(3):
         above += (active[0, c] - active[3, c]) * n[c]

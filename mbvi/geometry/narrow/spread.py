@@ -101,6 +101,17 @@ def _grow(place: Array, gap: Array, low: float, beside: float, corner: Array, co
     return count
 
 
+@kernel("void(i8[::1], i8)")
+def make_ascending(index: Array, count: int) -> None:
+    """Sort the first `count` indices."""
+    for k in range(1, count):
+        i, j = index[k], k
+        while j > 0 and index[j - 1] > i:
+            index[j] = index[j - 1]
+            j -= 1
+        index[j] = i
+
+
 @kernel("i8(f8[:,::1], f8[::1], f8, i8[::1])")
 def few_corners(place: Array, gap: Array, low: float, chosen: Array) -> int:
     """Choose at most `FEW_POINTS` of the points of one flat face, the deepest one among them.
@@ -140,12 +151,7 @@ def few_corners(place: Array, gap: Array, low: float, chosen: Array) -> int:
     corner[0] = _farthest(place, gap, bottom, first)
     count = _grow(place, gap, low, _OCTAGON * radius, corner, 1, _MOST_TOUCHING)
     count = _grow(place, gap, np.inf, _EQUAL * radius, corner, count, FEW_POINTS)
-    for k in range(1, count):
-        i, j = corner[k], k
-        while j > 0 and corner[j - 1] > i:
-            corner[j] = corner[j - 1]
-            j -= 1
-        corner[j] = i
+    make_ascending(corner, count)
     return count
 
 

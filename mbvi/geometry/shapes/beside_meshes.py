@@ -45,10 +45,8 @@ def beside_meshes(shapes: Sequence[PlacedShape], meshes: Iterable[Any]) -> list[
             if one.motion is not item.motion:
                 continue
             vertices, reach = shape.vertices @ one.rotation.T + one.position, TOUCHING * shape.bound
-            near = (low <= vertices.max(axis=0) + reach).all(axis=1) & (high >= vertices.min(axis=0) - reach).all(
-                axis=1
-            )
-            parts = tuple(_prism(triangle, _DEPTH * shape.bound) for triangle in corners[near])
+            near = (low <= vertices.max(axis=0) + reach) & (high >= vertices.min(axis=0) - reach)
+            parts = tuple(_prism(triangle, _DEPTH * shape.bound) for triangle in corners[near.all(axis=1)])
             found[k] = replace(one, beside=one.beside + parts)
     return found
 

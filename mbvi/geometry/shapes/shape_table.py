@@ -83,8 +83,8 @@ class Shapes(NamedTuple):
     sides : ndarray of int, shape (n, 2)
         The shapes of each pair.
     start : ndarray of int, shape (n, 8)
-        The outermost points of the shapes of each pair at the last call, then the corners of the three points of the
-        last result, as of `core_points`, of which the first is -1 where they are not known; written by kernels.
+        The outermost points of the shapes of each pair at the last call, then the corners of both shapes in up
+        to three points of the last result, see `core_points`, -1 for others; written by kernels.
     taken : ndarray of bool, shape (k,)
         False for every point, between calls of kernels.
     inside : ndarray, shape (s, 4)
