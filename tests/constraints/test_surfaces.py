@@ -7,9 +7,9 @@ from scipy.spatial import ConvexHull, Delaunay
 
 import mbvi
 from mbvi.constraints import ShapeSurface
-from mbvi.geometry.closed_form.cores_at_mesh import ON_IT, free_way, place_feature, travel_from, write_place
-from mbvi.geometry.closed_form.feature_clearance import clearance_of_feature, rim_clearance
-from mbvi.geometry.closed_form.surface_rows import sharp_row, vertex_row
+from mbvi.geometry.at_meshes.cores_at_mesh import ON_IT, free_way, place_feature, travel_from, write_place
+from mbvi.geometry.at_meshes.feature_clearance import clearance_of_feature, rim_clearance
+from mbvi.geometry.at_meshes.surface_rows import sharp_row, vertex_row
 
 SCHEMES = [mbvi.Paoli(), mbvi.Centered(), mbvi.StewartTrinkle()]
 CORNERS = 0.5 * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])

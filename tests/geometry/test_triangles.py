@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 import mbvi
 from mbvi import surfaces
-from mbvi.geometry.closed_form.mesh_contacts import near_triangles
+from mbvi.geometry.at_meshes.mesh_contacts import near_triangles
 from mbvi.geometry.meshes.triangles import FEW, Surface
 from support.plain.triangles import mesh_contacts_plain, mesh_distances_plain, nearest_on_triangles
 

@@ -184,6 +184,7 @@ PATCH_ARGUMENTS = {
     "_farthest": lambda rng: (*face(rng), 0),
     "_outside": lambda rng: (*face(rng), 0, 1),
     "_grow": grow,
+    "make_ascending": lambda rng: (rng.permutation(9), int(rng.integers(10))),
     "few_corners": lambda rng: (*face(rng), np.zeros(8, np.int64)),
     "one_face": lambda rng: (*face(rng)[:2], 1.0),
     "within_plane": lambda rng: (unit(rng), np.zeros(3), np.zeros(3)),

@@ -3,10 +3,10 @@
 import numpy as np
 import pinocchio as pin
 
-from mbvi.geometry.closed_form.cores_at_mesh import CoresAtMesh, place_core
-from mbvi.geometry.closed_form.mesh_tree import narrow_cone, triangles_in_box
-from mbvi.geometry.closed_form.near_features import list_features
-from mbvi.geometry.closed_form.surface_rows import all_rows, lowest_of_rims
+from mbvi.geometry.at_meshes.cores_at_mesh import CoresAtMesh, place_core
+from mbvi.geometry.at_meshes.mesh_tree import narrow_cone, triangles_in_box
+from mbvi.geometry.at_meshes.near_features import list_features
+from mbvi.geometry.at_meshes.surface_rows import all_rows, lowest_of_rims
 from mbvi.geometry.meshes.creases import creases_of
 from mbvi.geometry.meshes.triangles import Surface
 from mbvi.geometry.shapes.convex_cores import cores_of

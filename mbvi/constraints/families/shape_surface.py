@@ -9,9 +9,9 @@ import numpy as np
 
 from ...compiled import held
 from ...errors import InadmissibleStartError
-from ...geometry.closed_form.cores_at_mesh import CoresAtMesh, free_way
-from ...geometry.closed_form.surface_distances import surface_distances
-from ...geometry.closed_form.surface_rows import surface_contacts
+from ...geometry.at_meshes.cores_at_mesh import CoresAtMesh, free_way
+from ...geometry.at_meshes.surface_distances import surface_distances
+from ...geometry.at_meshes.surface_rows import surface_contacts
 from ...geometry.meshes.creases import creases_of
 from ...geometry.meshes.triangles import Surface
 from ...geometry.shapes.convex_cores import cores_of

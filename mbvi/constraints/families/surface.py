@@ -11,7 +11,7 @@ import numpy as np
 
 from ...compiled import plain_array
 from ...errors import InadmissibleStartError
-from ...geometry.closed_form.mesh_contacts import mesh_contacts, mesh_distances
+from ...geometry.at_meshes.mesh_contacts import mesh_contacts, mesh_distances
 from ...geometry.meshes.triangles import Surface
 from ...geometry.shapes.shapes import PlacedShape
 from ...system import System

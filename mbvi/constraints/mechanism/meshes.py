@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from ...compiled import kernel, record
-from ...geometry.closed_form.cores_at_mesh import CoresAtMesh, free_way
-from ...geometry.closed_form.mesh_contacts import mesh_contacts
-from ...geometry.closed_form.surface_rows import surface_contacts
+from ...geometry.at_meshes.cores_at_mesh import CoresAtMesh, free_way
+from ...geometry.at_meshes.mesh_contacts import mesh_contacts
+from ...geometry.at_meshes.surface_rows import surface_contacts
 from ...system.mechanisms.mechanism import Mechanism, place
 from ..rows import Array
 from .pairs import append_contact

@@ -1,1 +1,1 @@
-"""Contacts of simple shapes and of spheres with meshes in closed form."""
+"""Contacts of simple shapes in closed form."""

@@ -9,8 +9,8 @@ from ...constraints.mechanism.meshes import ShapesAtMesh, is_clear_of_mesh, plac
 from ...constraints.mechanism.pairs import distance_of, is_beyond, place_bodies
 from ...constraints.mechanism.rows import MechanismConstraints
 from ...constraints.mechanism.tables import PAIRS, SHAPES_AT_MESH
-from ...geometry.closed_form.cores_at_mesh import free_way, travel_from, write_place
-from ...geometry.closed_form.surface_rows import lowest_gap
+from ...geometry.at_meshes.cores_at_mesh import free_way, travel_from, write_place
+from ...geometry.at_meshes.surface_rows import lowest_gap
 from ...schemes.kernels.records import MechanismStep
 from ...system.mechanisms.mechanism import place
 from ...system.mechanisms.pinocchio_address import retract, tangent

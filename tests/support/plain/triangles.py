@@ -1,4 +1,4 @@
-"""Plain numpy forms of the kernels in mbvi/geometry/closed_form/mesh_contacts.py, which look at every triangle."""
+"""Plain numpy forms of the kernels in mbvi/geometry/at_meshes/mesh_contacts.py, which look at every triangle."""
 
 from __future__ import annotations
 

@@ -1,0 +1,1 @@
+"""Distances and contacts of spheres and convex cores with triangle meshes."""
