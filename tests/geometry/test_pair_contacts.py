@@ -183,3 +183,30 @@ def test_distances_do_not_depend_on_what_was_measured_before(rng):
         # to the last digit of the largest
         found, expected = problem.constraints.gap(0.0, q), fresh.constraints.gap(0.0, q)
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_points_inside_others_change_no_corner(seed):
+    rng = np.random.default_rng(seed)
+    angles = rng.uniform(0.0, 2.0 * np.pi, int(rng.integers(1, 12)))
+    outer = np.column_stack([np.cos(angles), rng.choice([1e-8, 0.1, 1.0]) * np.sin(angles)])
+    mixed = rng.dirichlet(np.full(len(outer), 0.3), 60) @ outer
+    mixed[:5] = outer[rng.integers(len(outer), size=5)]
+    corners = []
+    for place in (outer, rng.permutation(np.concatenate([outer, mixed]))):
+        room = np.zeros((2 * len(place), 2))
+        corners.append(room[: convex_hull(place.copy(), len(place), 1.0, room)])
+    # what is outside neither is in the other one
+    for one, other in (corners, corners[::-1]):
+        for corner in one:
+            assert _outside(other, corner) <= 3e-9
+
+
+def _outside(polygon, point):
+    """Return how far a point is outside a convex polygon, a segment or a point."""
+    ends = np.roll(polygon, -1, axis=0)
+    along = ends - polygon
+    part = ((point - polygon) * along).sum(1) / np.maximum((along * along).sum(1), 1e-300)
+    nearest = np.linalg.norm(polygon + np.clip(part, 0.0, 1.0)[:, None] * along - point, axis=1).min()
+    side = along[:, 0] * (point - polygon)[:, 1] - along[:, 1] * (point - polygon)[:, 0]
+    return 0.0 if len(polygon) > 2 and (side >= 0.0).all() else nearest

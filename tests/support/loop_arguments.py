@@ -503,6 +503,21 @@ def may_pass(rng, seed):
     return s._replace(v=scale * s.v), log, q, scale * v, h, 1e-9
 
 
+def way_of(rng, seed):
+    constraints, pair = clearance_of(rng, seed)
+    return constraints.pairs, constraints.cache.travel[-1] + rng.random(), pair
+
+
+def has_clearance(rng, seed):
+    constraints, pair = clearance_of(rng, seed)
+    return constraints.pairs, pair, float(rng.choice([0.0, 0.1])), float(rng.choice([0.0, 0.1]))
+
+
+def add_ways(rng, seed):
+    family = clearance_of(rng, seed)[0].pairs
+    return family, rng.permutation(len(family.clearance)), rng.random(len(family.clearance)), 3
+
+
 def may_touch(rng, seed):
     s, log, q, v, *_ = _call("may_pass", PAOLI, quadruped, RIGID, 40 + seed)
     return s, log, int(rng.integers(len(s.constraints.pairs.clearance))), q, rng.uniform(0.0, 0.3) * v, 0.5
@@ -647,6 +662,9 @@ LOOP_ARGUMENTS = {
     **{name: _within_a_run(name) for name in CALLS},
     "may_pass": may_pass,
     "clearance_of": clearance_of,
+    "way_of": way_of,
+    "has_clearance": has_clearance,
+    "add_ways": add_ways,
     "may_touch": may_touch,
     "distance_after": lambda rng, seed: (*may_touch(rng, seed)[:-1], rng.random(), float(rng.choice([0.0, 1.0]))),
     "write_travels": lambda rng, seed: (rng.random((4, 7)), rng.random(4), np.zeros(7)),

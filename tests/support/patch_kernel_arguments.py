@@ -23,6 +23,22 @@ def points(rng):
     return np.concatenate([place, place[:2]])
 
 
+def turns_right(rng):
+    """Two corners, which may coincide, and a point, which may lie on their line."""
+    place, part = rng.normal(size=(2, 2)), rng.normal()
+    place[1] = place[int(rng.integers(2))]
+    x, y = place[0] + part * (place[1] - place[0]) + rng.choice([0.0, 3e-10, 1.0]) * rng.normal(size=2)
+    return place, 0, 1, float(x), float(y), 1.0
+
+
+def list_outer(rng):
+    """Few or many points, the latter of a disk or of a line."""
+    place = rng.normal(size=(int(rng.choice([5, 40])), 2))
+    if rng.random() < 0.3:
+        place[:, 1] = 2.0 * place[:, 0]
+    return place, len(place), 1.0, np.zeros(len(place), np.int64)
+
+
 def polygon(rng):
     place = points(rng)
     corners = np.zeros((2 * len(place), 2))
@@ -95,9 +111,10 @@ def leave(rng):
 
 def lines_out(rng):
     while True:
-        world, shapes, _, side, points = side_of_pair(rng)
+        world, shapes, pair, side, points = side_of_pair(rng)
         if shapes.first_face[points[0] + 1] > shapes.first_face[points[0]]:
-            return world[side], shapes, points, len(points), rotation(rng), float(rng.normal())
+            shape = int(shapes.sides[pair, side])
+            return world[side], shapes, shape, points, len(points), rotation(rng), float(rng.normal())
 
 
 def facing(rng):
@@ -177,6 +194,8 @@ def lines_of_pairs(rng):
 
 PATCH_ARGUMENTS = {
     "_beyond": lambda rng: (rng.normal(size=(4, 2)), 0, int(rng.integers(4)), *rng.normal(size=2).tolist()),
+    "_turns_right": turns_right,
+    "_list_outer": list_outer,
     "convex_hull": hull,
     "_common_segment": segments,
     "common_polygon": polygons,

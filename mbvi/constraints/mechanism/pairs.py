@@ -16,7 +16,7 @@ from ...geometry.shapes.shape_table import Shapes
 from ...system.mechanisms.mechanism import Mechanism
 from ...system.mechanisms.separation import row
 from ..rows import Array
-from .tables import FOUND, MOST_ROWS, TOO_MANY, UNRESOLVED, PairFamily, RowBuffer
+from .tables import FOUND, MOST_ROWS, TOO_MANY, UNRESOLVED, PairFamily, RowBuffer, has_clearance, way_of
 
 # contact points, most of them far from touching, for which there is room
 MOST_CONTACTS = 512
@@ -179,10 +179,17 @@ def is_hidden(shapes: Shapes, pairs: PairShapes, contact: int) -> bool:
     return at_seam(pairs.seams, first, second, pairs.gap[contact], pairs.point[contact], pairs.normals[contact])
 
 
-@kernel("Tuple((i8, b1))(Mechanism, Tuple(Shapes), PairShapes, PairFamily, f8, RowBuffer)")
+@kernel("void(PairFamily, i8[::1], f8[::1], i8)")
+def add_ways(family: PairFamily, pairs: Array, ways: Array, count: int) -> None:
+    """Add ways since the candidates were listed to the clearances of the first `count` pairs, which are those now."""
+    for i in range(count):
+        family.clearance[pairs[i]] += ways[i]
+
+
+@kernel("Tuple((i8, b1))(Mechanism, Tuple(Shapes), PairShapes, PairFamily, f8[::1], f8, RowBuffer)")
 def pair_contacts(
-    mechanism: Mechanism, tables: tuple[Array, ...], pairs: PairShapes, family: PairFamily, tolerance: float,
-    rows: RowBuffer,
+    mechanism: Mechanism, tables: tuple[Array, ...], pairs: PairShapes, family: PairFamily, travel: Array,
+    tolerance: float, rows: RowBuffer,
 ) -> tuple[int, bool]:  # fmt: skip
     """Append the contacts of the candidates; return a code, and whether a candidate has none.
 
@@ -194,20 +201,30 @@ def pair_contacts(
         The fields of `Shapes`.
     pairs, family : PairShapes and PairFamily
         The pairs.
+    travel : ndarray, shape (nv,)
+        Sum of |displacement| since the candidates were listed; see `list_candidates`.
     tolerance : float
         Gap at and below which a pair is in contact [m].
     rows : RowBuffer
         The rows.
     """
-    count = family.listed[0]
-    if count == 0:
+    listed = family.listed[0]
+    if listed == 0:
         return FOUND, False
+    chosen, ways, count = np.empty(listed, np.int64), np.empty(listed), 0
+    for i in range(listed):
+        pair = family.candidates[i]
+        way = way_of(family, travel, pair)
+        if not has_clearance(family, pair, way, tolerance):
+            chosen[count], ways[count] = pair, way
+            count += 1
+    if count == 0:
+        return FOUND, True
     place_bodies(mechanism, pairs)
     places = pairs.places
-    left = separated(
-        places, tables, pairs.axis, family.candidates[:count], tolerance, family.clearance, pairs.unresolved
-    )
+    left = separated(places, tables, pairs.axis, chosen[:count], tolerance, family.clearance, pairs.unresolved)
     if left == 0:
+        add_ways(family, chosen, ways, count)
         return FOUND, True
     if pairs.mode == LEFT_TO_PYTHON:
         return UNRESOLVED, True
@@ -238,7 +255,7 @@ def pair_contacts(
         if total < 0:
             return UNRESOLVED, True
     # both lists ascend; contacts go pair after pair
-    i, j, any_empty = 0, middle, left < count
+    i, j, any_empty = 0, middle, left < listed
     for k in range(left):
         pair = pairs.unresolved[k]
         family.clearance[pair], start = np.inf, j if pairs.form[pair] != NONE else i
@@ -255,6 +272,7 @@ def pair_contacts(
         else:
             i = a
         any_empty = any_empty or family.clearance[pair] > tolerance
+    add_ways(family, chosen, ways, count)
     return FOUND, any_empty
 
 

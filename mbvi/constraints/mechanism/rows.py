@@ -39,6 +39,8 @@ from .tables import (
     Limits,
     PairFamily,
     RowBuffer,
+    has_clearance,
+    way_of,
 )
 
 
@@ -95,9 +97,9 @@ def limit_rows(limits: Limits, family: int, q: Array, tolerance: float, rows: Ro
     return FOUND, -np.inf if nearest <= tolerance else nearest - tolerance
 
 
-@kernel("Tuple((i8, b1))(f8[:,:,::1], f8[:,::1], f8[:,::1], Points, PairFamily, f8, RowBuffer)")
+@kernel("Tuple((i8, b1))(f8[:,:,::1], f8[:,::1], f8[:,::1], Points, PairFamily, f8[::1], f8, RowBuffer)")
 def half_space_contacts(
-    poses: Array, columns: Array, support: Array, points: Points, family: PairFamily, tolerance: float,
+    poses: Array, columns: Array, support: Array, points: Points, family: PairFamily, travel: Array, tolerance: float,
     rows: RowBuffer,
 ) -> tuple[int, bool]:  # fmt: skip
     """Append the contacts of the candidates with half-spaces; return a code, and whether a candidate has none.
@@ -110,6 +112,8 @@ def half_space_contacts(
         The support points of the shapes.
     family : PairFamily
         The pairs.
+    travel : ndarray, shape (nv,)
+        Sum of |displacement| since the candidates were listed; see `list_candidates`.
     tolerance : float
         Gap at and below which a point is a contact [m].
     rows : RowBuffer
@@ -118,7 +122,12 @@ def half_space_contacts(
     any_empty, out = False, points.out
     for i in range(family.listed[0]):
         pair = family.candidates[i]
-        count, family.clearance[pair] = points_below(poses, points, pair, tolerance, 0)
+        way = way_of(family, travel, pair)
+        if has_clearance(family, pair, way, tolerance):
+            any_empty = True
+            continue
+        count, least = points_below(poses, points, pair, tolerance, 0)
+        family.clearance[pair] = least + way
         any_empty = any_empty or count == 0
         count = spread_below(poses, points, pair, tolerance, 0, count)
         if rows.size[0] + count > MOST_ROWS:
@@ -282,11 +291,12 @@ def active_rows(
                 family.listed[0], cache.clearance[slot], cache.always[slot] = count, least + tolerance, count > 0
             if kind == HALF_SPACES:
                 code, any_empty = half_space_contacts(
-                    mechanism.poses, mechanism.columns, mechanism.support, constraints.points, family, tolerance, rows
-                )
+                    mechanism.poses, mechanism.columns, mechanism.support, constraints.points, family,
+                    cache.travel[slot], tolerance, rows,
+                )  # fmt: skip
             else:
                 code, any_empty = pair_contacts(
-                    mechanism, constraints.shapes, constraints.near, family, tolerance, rows
+                    mechanism, constraints.shapes, constraints.near, family, cache.travel[slot], tolerance, rows
                 )
             if code != FOUND:
                 cache.clearance[slot] = -np.inf

@@ -207,10 +207,12 @@ def _pair_family(constraints: AdmissibleSet, k: int, candidates: Any) -> PairFam
     resistance = np.zeros((0, 2))
     if constraints.resistance is not None:
         resistance = constraints.resistance.of(start + numbers, constraints.name)
+    moving = candidates.reach.T != 0.0
     return PairFamily(
         candidates.reach, candidates.clearance, np.zeros(n, np.int64), np.zeros(2, np.int64), start + numbers,
         np.array(family.bodies_of(numbers), dtype=np.int64).reshape(2, n), np.where(np.isnan(own), e, own),
-        constraints.friction_of(k, numbers), resistance,
+        constraints.friction_of(k, numbers), resistance, np.append(0, moving.sum(axis=1).cumsum()),
+        moving.nonzero()[1].copy(), candidates.reach.T[moving],
     )  # fmt: skip
 
 
@@ -221,7 +223,8 @@ def _pair_family(constraints: AdmissibleSet, k: int, candidates: Any) -> PairFam
 def _no_pairs(nv: int) -> PairFamily:
     no, none = np.zeros(0, np.int64), np.zeros(0)
     bodies, resistance = np.zeros((2, 0), np.int64), np.zeros((0, 2))
-    return held(PairFamily(np.zeros((nv, 0)), none, no, np.zeros(2, np.int64), no, bodies, none, none, resistance))
+    listed, begin = np.zeros(2, np.int64), np.zeros(1, np.int64)
+    return held(PairFamily(np.zeros((nv, 0)), none, no, listed, no, bodies, none, none, resistance, begin, no, none))
 
 
 @cache

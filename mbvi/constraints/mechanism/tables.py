@@ -16,6 +16,8 @@ MOST_ROWS = MOST_KEPT
 LIMITS, HALF_SPACES, PAIRS, BALLS, GIVEN, BALLS_AT_MESH, SHAPES_AT_MESH = range(7)
 # what `active_rows` returns: the rows are known; they are too many; shapes must be measured
 FOUND, TOO_MANY, UNRESOLVED = range(3)
+# by how much ways are taken longer than they are, which is more than their rounding
+ROUNDED_UP = 1.0 + 1e-9
 
 
 @record(
@@ -111,7 +113,9 @@ class Limits(NamedTuple):
     begin: Array
 
 
-@record("f8[:,::1], f8[::1], i8[::1], i8[::1], i8[::1], i8[:,::1], f8[::1], f8[::1], f8[:,::1]")
+@record(
+    "f8[:,::1], f8[::1], i8[::1], i8[::1], i8[::1], i8[:,::1], f8[::1], f8[::1], f8[:,::1], i8[::1], i8[::1], f8[::1]"
+)
 class PairFamily(NamedTuple):
     """Pairs of shapes.
 
@@ -129,6 +133,8 @@ class PairFamily(NamedTuple):
         Restitution and friction.
     resistance : ndarray, shape (n, 2) or (0, 2)
         Lengths of torsional and rolling friction [m].
+    begin, velocity, lever : ndarray, shapes (n + 1,), (k,) and (k,)
+        The velocities that move each pair, and the entries of `reach` for these, pair after pair.
     """
 
     reach: Array
@@ -140,6 +146,24 @@ class PairFamily(NamedTuple):
     e: Array
     mu: Array
     resistance: Array
+    begin: Array
+    velocity: Array
+    lever: Array
+
+
+@kernel("f8(PairFamily, f8[::1], i8)")
+def way_of(family: PairFamily, travel: Array, pair: int) -> float:
+    """Return by how much the gap of a pair may have fallen over a travel, shape (nv,) [m]."""
+    way = 0.0
+    for i in range(family.begin[pair], family.begin[pair + 1]):
+        way += travel[family.velocity[i]] * family.lever[i]
+    return way
+
+
+@kernel("b1(PairFamily, i8, f8, f8)")
+def has_clearance(family: PairFamily, pair: int, way: float, tolerance: float) -> bool:
+    """Return whether the gap of a pair is above a tolerance after a way since the candidates were listed [m]."""
+    return family.clearance[pair] - ROUNDED_UP * way > tolerance
 
 
 @kernel("RowBuffer(i8, RowBuffer)")

@@ -131,10 +131,10 @@ def shared_region(
     count = common_polygon(hulls[0], corners[0], hulls[1], corners[1], bound, common, scratch)
     kept, a, b = 0, shapes.sides[pair, 0], shapes.sides[pair, 1]
     # frame[0] is the normal outward from the second
-    down_lines = lines_out(world[1], shapes, vertices[1], number[1], frame, -height)
+    down_lines = lines_out(world[1], shapes, b, vertices[1], number[1], frame, -height)
     for c in range(3):
         frame[0, c] = n[c]
-    up_lines = lines_out(world[0], shapes, vertices[0], number[0], frame, height)
+    up_lines = lines_out(world[0], shapes, a, vertices[0], number[0], frame, height)
     for i in range(count):
         same = False
         for j in range(kept):

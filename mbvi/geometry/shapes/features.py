@@ -98,13 +98,15 @@ def _leave_ball(point: Array, direction: Array, radius: float) -> float:
     return np.sqrt(max(along * along - dot(point, point) + radius * radius, 0.0)) - along
 
 
-@kernel("f8[:,::1](f8[:,::1], Shapes, i8[::1], i8, f8[:,::1], f8)")
-def lines_out(place: Array, shapes: Shapes, vertices: Array, count: int, frame: Array, height: float) -> Array:
+@kernel("f8[:,::1](f8[:,::1], Shapes, i8, i8[::1], i8, f8[:,::1], f8)")
+def lines_out(
+    place: Array, shapes: Shapes, shape: int, vertices: Array, count: int, frame: Array, height: float
+) -> Array:  # fmt: skip
     """Return how far lines run to the faces at the first `count` vertices of a hull, shape (f, 3).
 
     Parameters
     ----------
-    place, shapes
+    place, shapes, shape
         The hull.
     vertices : ndarray of int, shape (g,)
         The vertices.
@@ -121,6 +123,9 @@ def lines_out(place: Array, shapes: Shapes, vertices: Array, count: int, frame: 
         From the point x, y of the plane the line runs as far as the least of a + x b + y c, one row for each face [m].
     """
     first_face, face, planes, size = shapes.first_face, shapes.face, shapes.planes, 0
+    # each face is a triangle, and is listed at three vertices
+    begin, end = first_face[shapes.first_point[shape]] // 3, first_face[shapes.first_point[shape + 1]] // 3
+    listed = np.zeros(end - begin, np.bool_)
     for i in range(count):
         size += first_face[vertices[i] + 1] - first_face[vertices[i]]
     # in the frame of the shape: the direction, the plane's, and the plane's origin
@@ -134,6 +139,9 @@ def lines_out(place: Array, shapes: Shapes, vertices: Array, count: int, frame: 
             local[j, k] = dot(place[k], frame[j])
     for i in range(count):
         for j in range(first_face[vertices[i]], first_face[vertices[i] + 1]):
+            if listed[face[j] - begin]:
+                continue
+            listed[face[j] - begin] = True
             plane = planes[face[j]]
             slope = plane[0] * local[0, 0] + plane[1] * local[0, 1] + plane[2] * local[0, 2]
             if slope > FACING:

@@ -8,7 +8,7 @@ from ...compiled import kernel, record_at
 from ...constraints.mechanism.meshes import ShapesAtMesh, is_clear_of_mesh, place_at_mesh
 from ...constraints.mechanism.pairs import distance_of, is_beyond, place_bodies
 from ...constraints.mechanism.rows import MechanismConstraints
-from ...constraints.mechanism.tables import PAIRS, SHAPES_AT_MESH
+from ...constraints.mechanism.tables import PAIRS, SHAPES_AT_MESH, way_of
 from ...geometry.at_meshes.cores_at_mesh import free_way, travel_from, write_place
 from ...geometry.at_meshes.surface_rows import lowest_gap
 from ...schemes.kernels.records import MechanismStep
@@ -36,8 +36,7 @@ def clearance_of(constraints: MechanismConstraints, pair: int) -> float:
     bound = family.clearance[pair]
     for f in range(len(cache.kind)):
         if cache.kind[f] == PAIRS:
-            for k in range(len(cache.moved)):
-                bound -= cache.travel[cache.slot[f], k] * family.reach[k, pair]
+            bound -= way_of(family, cache.travel[cache.slot[f]], pair)
     return bound
 
 
@@ -65,10 +64,10 @@ def may_touch(s: MechanismStep, log: LoopRecord, column: int, q: Array, displace
     The search (conservative advancement) takes steps within which the pair cannot touch. A pair that touches at the
     start counts only if it sinks.
     """
-    travel, thickness, reach, tolerance = 0.0, log.thickness[column], s.constraints.pairs.reach, s.scales.tolerance
+    travel, thickness, family, tolerance = 0.0, log.thickness[column], s.constraints.pairs, s.scales.tolerance
     pair = log.member[column]
-    for k in range(len(displacement)):
-        travel += abs(displacement[k]) * reach[k, pair]
+    for i in range(family.begin[pair], family.begin[pair + 1]):
+        travel += abs(displacement[family.velocity[i]]) * family.lever[i]
     if not travel > length * thickness:
         return False
     near, share = max(tolerance, 0.1 * DEPTH * thickness), 0.0
