@@ -198,3 +198,19 @@ def test_a_browser_draws_reads_seeks_and_enlarges(run, page, width):
     assert float(found["shown"]) == pytest.approx(0.25, abs=2e-3)
     assert found["zoomed"] == pytest.approx([0.25, 0.5], abs=2e-3) and found["view"] == [0.0, 0.5]
     assert picture.shape == (600, width, 3) and distinct_colors(picture) > 500
+
+
+@needs_browser
+def test_the_page_is_dark_where_the_system_is(page):
+    with Browser(900, 600) as browser:
+        browser.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": "dark"}])
+        browser.open(page_address(page), "frame.contentWindow.eval('replay.ready')")
+        dark = read_png(browser.picture())
+        # the mark of the total energy, which is black on a light page
+        total = browser.evaluate("getComputedStyle(document.querySelectorAll('.entry i')[2]).backgroundColor")
+        browser.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": "light"}])
+        light = read_png(browser.picture())
+        assert not browser.errors
+    # the margin
+    assert light[5, 5].mean() > 240 and dark[5, 5].mean() < 60
+    assert min(map(int, re.findall(r"\d+", total)[:3])) > 180
