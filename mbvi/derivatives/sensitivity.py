@@ -207,7 +207,7 @@ def sensitivity(
         bodies or to a length of the scene a second, or so slow against the forces that open the gap that the tolerance
         leaves fewer than three digits of their speed, and gaps that just miss such an impact; impacts that accumulate;
         a run that starts or ends at an impact; by parameters also closed contacts that carry no force; a torque of
-        a `PDControl` that stays exactly at its limit.
+        a `PDControl`, an actuator or a spring that stays exactly at its limit.
         With friction: several impacts at once, impacts that are about to stick or to slip, and contacts that share
         their load at will where that matters.
         Where mbvi does not know it: another scheme, friction along fixed steps or of joints, loops and coupled joints

@@ -8,16 +8,16 @@ from functools import partial
 import numpy as np
 import pinocchio as pin
 
-from ...compiled import plain_array
 from ...schemes.event_driven.runge_kutta import RungeKuttaStep
 from ...system import System
 from ...system.actuated import ActuatedSystem
+from ...system.actuators import Actuators, DrivenActuators
 from ...system.free.bodies import FreeBodies, Spheres
 from ...system.free.planar import PlanarBodies
-from ...system.joint_forces import add_row_forces
-from ...system.mechanisms.articulated import ArticulatedSystem
+from ...system.mechanisms.articulated import ArticulatedSystem, Control
 from ...system.system import Array, Part, located_parts
 from .differences import along, along_both
+from .limited_forces import LimitedForces, has_limited_forces
 from .tracking import Tracking, follows
 
 # (q, w) -> derivative of M w by q at a constant w, shape (nv, nv)
@@ -40,8 +40,12 @@ class Accelerations:
     def __init__(self, system: System, steps: Array) -> None:
         self._system, self._steps = system, steps
         self._tracking = {part.v: Tracking(part) for part in located_parts(system) if follows(part.system)}
+        self._limited = {
+            part.v: LimitedForces(part) for part in located_parts(system) if has_limited_forces(part.system)
+        }
         self._parts = [
-            (part, _jacobian(part, steps[_columns(part)], part.v in self._tracking)) for part in located_parts(system)
+            (part, _jacobian(part, steps[_columns(part)], part.v in self._tracking, self._limited.get(part.v)))
+            for part in located_parts(system)
         ]
         self._momenta = [(part, _momenta(part.system, steps[_columns(part)])) for part, _ in self._parts]
         self._held = has_equalities(system)
@@ -71,8 +75,9 @@ class Accelerations:
         return out
 
     def kinks(self, step: RungeKuttaStep) -> list[float]:
-        """Return the shares of a step, ascending, at which derivatives jump: torques of controls have kinks there."""
-        return sorted({share for one in self._tracking.values() for share in one.kinks(step)})
+        """Return the shares of a step, ascending, at which derivatives jump: torques and forces have kinks there."""
+        found = {share for one in self._tracking.values() for share in one.kinks(step)}
+        return sorted(found.union(*(one.kinks(self._system, step) for one in self._limited.values())))
 
     def momenta(self, q: Array, w: Array) -> Array:
         """Return the derivative of M w by q at a constant w, shape (nv, nv)."""
@@ -100,11 +105,13 @@ def _loaded(system: ActuatedSystem, t: float, q: Array, v: Array) -> Array:
     return total
 
 
-def _jacobian(part: Part, steps: Array, tracks: bool) -> Jacobian:
+def _jacobian(part: Part, steps: Array, tracks: bool, limited: LimitedForces | None) -> Jacobian:
     """Return what computes the derivatives of one part, without those of the torque of a `Tracking`."""
     system = part.system
     if isinstance(system, ArticulatedSystem):
-        return partial(_of_mechanism, system, system.model.createData(), steps, system.controlled and not tracks)
+        named = tracks or isinstance(system.control, Actuators | DrivenActuators)
+        given = None if named or not system.controlled else system.control
+        return partial(_of_mechanism, system, system.model.createData(), steps, given, limited)
     if isinstance(system, Spheres | PlanarBodies):
         return lambda t, q, v, force: np.zeros((len(v), 2 * len(v)))
     if isinstance(system, FreeBodies):
@@ -150,29 +157,27 @@ def _of_mechanism(
     system: ArticulatedSystem,
     data: pin.Data,
     steps: Array,
-    controlled: bool,
+    control: Control | None,
+    limited: LimitedForces | None,
     t: float,
     q: Array,
     v: Array,
     force: Array,
 ) -> Array:
-    """Pinocchio's analytical derivatives, with differences of what springs and, where `controlled`, a control do."""
+    """Pinocchio's analytical derivatives, with differences of what springs, actuators and a given `control` do."""
     torque = system.torque(t, q, v) - system.damping * v + force
     pin.computeABADerivatives(system.model, data, q, v, torque)
     out = np.hstack([data.ddq_dq, data.ddq_dv])
-    if not (system.damping.any() or controlled or system.springs):
+    acting = list[Callable[[Array, Array], Array]]()
+    if control is not None:
+        acting.append(partial(control, t))
+    if limited is not None:
+        acting.append(limited.as_at(t, q, v))
+    if not (system.damping.any() or acting):
         return out
     upper = np.triu(data.Minv)
     inverse = upper + np.triu(upper, 1).T
     out[:, len(v) :] -= inverse * system.damping
-    if controlled or system.springs:
-        acting = partial(system.torque, t) if controlled else partial(_of_springs, system)
-        out += inverse @ along_both(acting, system, q, v, steps)
+    for one in acting:
+        out += inverse @ along_both(one, system, q, v, steps)
     return out
-
-
-def _of_springs(system: ArticulatedSystem, q: Array, v: Array) -> Array:
-    """Return the generalised force of springs, shape (nv,)."""
-    force = np.zeros(system.nv)
-    add_row_forces(system.spring_rows, 0, plain_array(q), plain_array(v), force)
-    return force
