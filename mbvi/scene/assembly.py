@@ -23,6 +23,7 @@ from ..constraints import (
     SphereWalls,
 )
 from ..errors import InputError, MbviError
+from ..geometry.motion import each_once, same
 from ..geometry.shapes.shape_table import ShapeTable, indexed
 from ..geometry.shapes.shapes import Array, Box, Capsule, HalfSpace, PlacedShape, Sphere
 from ..problem import Problem
@@ -139,10 +140,10 @@ class _ConstraintBuilder:
         fixed, bulk = [s for s in self.shapes if not s.body], len(single) < len(moving)
         given = [wall.motion for wall in self.walls.values()]
         given += [item.motion for item in self.items.surfaces] + [shape.motion for shape in fixed]
-        for motion in {id(motion): motion for motion in given if motion is not None}.values():
+        for motion in each_once(given):
             seen: Any = MovingFrame(system, motion, self._where_spheres(system))
-            walls = {name: wall for name, wall in self.walls.items() if wall.motion is motion}
-            shapes = [s for s in fixed if s.motion is motion]
+            walls = {name: wall for name, wall in self.walls.items() if same(wall.motion, motion)}
+            shapes = [s for s in fixed if same(s.motion, motion)]
             solid = [s for s in shapes if bulk and isinstance(s.shape, Box | Capsule)]
             pairs = [
                 (a, b)
@@ -151,7 +152,7 @@ class _ConstraintBuilder:
                 if not self.items.excludes(a.name, b.name)
             ]
             found = [*self._at_walls(seen, walls, single)]
-            found += self._at_surfaces(seen, [s for s in self.items.surfaces if s.motion is motion], moving)
+            found += self._at_surfaces(seen, [s for s in self.items.surfaces if same(s.motion, motion)], moving)
             if len(pairs) > _MANY_PAIRS:
                 found.append(self._crowd_around(seen, shapes, solid, single, moving))
             elif pairs:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ..constraints import ConstraintFamily
+from ..geometry.motion import Motion, each_once
 from ..geometry.shapes.picture import Placed, picture
 from ..geometry.shapes.shapes import Array, HalfSpace, PlacedShape
 from ..system import System, parts_of
@@ -21,7 +22,6 @@ from .reductions import Omission, savings
 from .state import Places
 
 if TYPE_CHECKING:
-    from ..geometry.motion import Motion
     from ..problem import Problem
     from .items import SceneItems, SurfaceItem
 
@@ -97,7 +97,7 @@ class SceneModel:
         """Prescribed motions of walls, meshes and fixed bodies, each once."""
         given = [w.motion for w in self.walls.values()]
         given += [s.motion for s in self.surfaces] + [s.motion for s in self.shapes]
-        return list({id(motion): motion for motion in given if motion is not None}.values())
+        return each_once(given)
 
     def notes(self, problem: Problem) -> list[str]:
         """Return what a run shall note about how the scene was built."""

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import mbvi
+from mbvi import motion
 from mbvi.geometry.shapes.seams import is_covered, seams_of
 from mbvi.geometry.shapes.shapes import Box, PlacedShape
 from mbvi.run.fixed_steps import taking
@@ -50,6 +51,35 @@ def test_a_body_slides_over_tiles_without_loss(kind, scheme):
     np.testing.assert_allclose(TURNED.T @ run.v[-1, :3], [1.0, 0.2, 0.0], atol=1e-9)
     np.testing.assert_allclose(run.v[-1, 3:], 0.0, atol=1e-8)
     assert not run.impacts
+
+
+MOTIONS = {
+    "translation": lambda: motion.Translation((0.4, -0.3, 0.0)),
+    "oscillation": lambda: motion.Oscillation((0.02, 0.01, 0.0), 3.0, 0.1),
+    "rotation": lambda: motion.Rotation((0, 0, 2.0), 0.7, (0.3, 0, 0)),
+}
+
+
+@pytest.mark.parametrize("scheme", SCHEMES, ids=repr)
+@pytest.mark.parametrize("moves", MOTIONS)
+def test_tiles_whose_motions_are_equal_are_one_surface(moves, scheme):
+    """The same as tiles that share one motion, to the byte, and as one half-space that moves so; beside a field too."""
+    made, one, runs = MOTIONS[moves], MOTIONS[moves](), []
+    for kind in ("shared", "equal", "half-space"):
+        scene = mbvi.Scene()
+        if kind == "half-space":
+            scene.add_halfspace((0, 0, 1), motion=one)
+        else:
+            for i, j in itertools.product(range(-2, 8), range(-3, 4)):
+                tile = one if kind == "shared" else made()
+                scene.add_box((0.25, 0.25, 0.1), position=(0.25 * i, 0.25 * j, -0.05), motion=tile)
+            field = one if kind == "shared" else made()
+            scene.add_heightfield(np.zeros((3, 3)), size=(1.0, 1.75), position=(-1.125, 0, 0), motion=field)
+        add_body(scene, "box", np.eye(3), np.array([-1.5, 0.2, 0.0]))
+        runs.append(mbvi.simulate(scene.build(), scheme, step=2e-3, duration=0.4))
+    shared, equal, plane = runs
+    assert np.array_equal(shared.q, equal.q) and np.array_equal(shared.v, equal.v)
+    np.testing.assert_allclose(equal.q, plane.q, rtol=0.0, atol=1e-8)
 
 
 @pytest.mark.parametrize("speed", [1e-3, 50.0])

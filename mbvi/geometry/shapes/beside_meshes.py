@@ -14,6 +14,7 @@ import numpy as np
 
 from ...arguments import Array
 from ..meshes.triangles import Surface
+from ..motion import same
 from .polyhedra import Polyhedron
 from .seams import TOUCHING
 from .shapes import PlacedShape
@@ -42,7 +43,7 @@ def beside_meshes(shapes: Sequence[PlacedShape], meshes: Iterable[Any]) -> list[
         low, high = corners.min(axis=1), corners.max(axis=1)
         for k in solid:
             one, shape = found[k], solid[k]
-            if one.motion is not item.motion:
+            if not same(one.motion, item.motion):
                 continue
             vertices, reach = shape.vertices @ one.rotation.T + one.position, TOUCHING * shape.bound
             near = (low <= vertices.max(axis=0) + reach) & (high >= vertices.min(axis=0) - reach)

@@ -15,6 +15,7 @@ import numpy as np
 
 from ...arguments import Array
 from ...compiled import kernel, record
+from ..motion import numbered
 from .polyhedra import Polyhedron
 from .shapes import PlacedShape
 
@@ -57,7 +58,7 @@ def seams_of(placed: Sequence[PlacedShape]) -> Seams:
     vertices = {k: shape.vertices @ placed[k].rotation.T + placed[k].position for k, shape in solid.items()}
     low, high = (np.array([end(v, axis=0) for v in vertices.values()]).reshape(-1, 3) for end in (np.min, np.max))
     size, numbers = np.array([s.shape.bound for s in placed]), np.array(list(solid), np.int64)
-    motion = np.array([id(placed[k].motion) for k in solid])
+    motion = numbered(placed[k].motion for k in solid)
     near: dict[int, Array] = {}
     for i, k in enumerate(solid):
         reach = TOUCHING * size[k]
