@@ -326,6 +326,8 @@ def _checked(problem: Problem, scheme: Scheme | OwnStepsScheme) -> Scheme | Even
         )
     elif problem.constraints.frictional and not isinstance(scheme, EventDriven):
         reason = f"there is friction, whose derivatives mbvi knows along runs of EventDriven only, not of {scheme.name}"
+    elif problem.constraints.moving:
+        reason = "walls move on their own, whose derivatives mbvi does not know yet"
     elif system.has_joint_friction:
         reason = "joints have friction, whose derivatives mbvi does not know yet"
     elif has_equalities(system) and not isinstance(scheme, EventDriven):
