@@ -11,6 +11,7 @@ import numpy as np
 
 from ..system import System
 from .families.candidates import PairCandidates
+from .feature_motion import places_of
 from .mechanism.held_rows import RowParts, unknown_parts
 from .pair_features import FeatureRows
 from .rotations import rotation_rows
@@ -175,6 +176,18 @@ class ConstraintFamily(ABC):
         """Return the rows and the rates at v = 0 of relative angular velocities; see `rotation_rows`."""
         system = self.system
         return rotation_rows(partial(system.separation_rows, q), self.bodies_of(rows.constraint), rows, axes), None
+
+    # for records: contacts that move with their bodies
+
+    def poses_of(self, numbers: Array, t: float, q: Array) -> tuple[Array, Array] | None:
+        """Return the poses of the first and the second body of some constraints, shapes (k, 4, 3); None without any.
+
+        See `System.placements`; the world's is the identity.
+        """
+        if type(self).bodies_of is ConstraintFamily.bodies_of:
+            return None
+        first, second = places_of(self.system, q, np.concatenate(self.bodies_of(numbers))).reshape(2, -1, 4, 3)
+        return first, second
 
     # for the cache
 

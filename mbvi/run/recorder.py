@@ -17,12 +17,12 @@ from ..schemes import SchemeBase, Step, Timing
 from ..schemes.contact_friction import friction_of
 from ..schemes.event_driven.runge_kutta import DEGREE
 from ..schemes.step import STILL
+from .carried_rows import carried_rows
 from .loop.impact_rows import NO_ROWS, LaterRows, RecentPercussions, friction_of_impact, linked
 
-# contact points of one pair in consecutive steps count as the same point within this distance [lengths of the scene]
+# contact points of one pair in consecutive steps count as the same point within this distance, which is measured where
+# one of both bodies carries the former [lengths of the scene]
 SAME_POINT = 0.1
-# the rows before the first step: numbers, points, rates
-_NO_LAST_ROWS = np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((4, 0))
 # steps whose percussions are compared with that of a possible impact; several, because in piles many resting contacts
 # have a percussion every few steps only
 RECENT = 16
@@ -71,7 +71,7 @@ def record_depth(
 
 
 @kernel(
-    "Tuple((i8, f8))(i8[::1], f8[:,::1], f8[:,::1], f8[::1], i8[::1], f8[:,::1], f8[:,::1], f8, f8[::1], f8, i1[::1])"
+    "Tuple((i8, f8))(i8[::1], f8[:,::1], f8[:,::1], f8[::1], i8[::1], f8[:,:,::1], f8[:,::1], f8, f8[::1], f8, i1[::1])"
 )
 def _choose_rows(
     number: Array, point: Array, rates: Array, e: Array,
@@ -88,7 +88,7 @@ def _choose_rows(
     number, point, rates, e
         Constraints, contact points, rates and restitution of a step's rows.
     last_number, last_point, last_rates
-        Those of the step before, numbers ascending.
+        Those of the step before, numbers ascending; points, shape (2, m, 3), as each of both bodies has carried them.
     far : float
         Distance above which two contact points of one constraint count as different [m].
     lever, still
@@ -120,11 +120,14 @@ def _choose_rows(
                 if last_number[b] != number[a]:
                     break
                 if last_rates[0, b] > 0.0:
-                    apart = 0.0
-                    for c in range(3):
-                        apart += (last_point[b, c] - point[a, c]) ** 2
-                    # written so that NaN, the point of a joint limit, counts as near
-                    if not apart > far * far:
+                    near = False
+                    for side in range(2):
+                        apart = 0.0
+                        for c in range(3):
+                            apart += (last_point[side, b, c] - point[a, c]) ** 2
+                        # written so that NaN, the point of a joint limit, counts as near
+                        near = near or not apart > far * far
+                    if near:
                         previous += last_rates[0, b]
         least = still / lever[number[a]] if number[a] < len(lever) else still
         closing = percussion > 0.0 and previous == 0.0 and before + 2.0 * abs(free - before) < -least
@@ -160,8 +163,8 @@ class Recorder:
     ----------
     contacts : ContactLog or None
         The contacts of all steps, where they are recorded.
-    last : Step or None
-        The last step.
+    before, last : Step or None
+        The state before the last step, and that step.
     recent : RecentPercussions
         The percussions of the last steps.
     switches : list of Switch
@@ -197,7 +200,12 @@ class Recorder:
         self._lever, self._still = problem.constraints.lever, STILL * problem.length
         self._parts = problem.constraints.part
         self.recent = RecentPercussions(RECENT)
+        self.before: Step | None = None
         self.last: Step | None = None
+
+    def follow(self, before: Step | None, last: Step) -> None:
+        """Take a step as the last one, and the state before it, of which no rows are needed."""
+        self.before, self.last = before, last
 
     def name(self, constraint: int) -> str:
         """Return the name of a constraint in the order in which `contacts` count them."""
@@ -227,7 +235,7 @@ class Recorder:
             self.q[k] = q
             self.v[k] = v
             self.count = k + 1
-        self.last = step
+        self.follow(self.last, step)
         self.recent.add(active.constraint, rates)
 
     def trajectory(self, scheme: SchemeBase, h: float, *, complete: bool = True) -> Trajectory:
@@ -263,18 +271,13 @@ class Recorder:
         active, rates, last = step.active, step.rates, self.last
         number, point, e = active.constraint, active.point, active.restitution
         candidates = np.empty(len(number), np.int8)
-        last_number, last_point, last_rates = (
-            _NO_LAST_ROWS if last is None else (last.active.constraint, last.active.point, last.rates)
-        )
-        if (last_number[1:] < last_number[:-1]).any():
-            order = np.argsort(last_number, kind="stable")
-            last_number, last_point = last_number[order], last_point[order]
-            last_rates = np.ascontiguousarray(last_rates[:, order])
+        last_number, last_point, last_rates = carried_rows(self.problem, self.timing, self.before, self.last, step.t)
         far = SAME_POINT * self.problem.length
         if step.at_once is not None and last is not None:
-            # an impact goes on in the next step, and its contact point moves with the body
-            h = step.t - last.t
-            far += 2.0 * self.problem.constraints.travel(h * last.v) + h * float(np.abs(last.before).max(initial=0.0))
+            # an impact goes on in the next step, in which its bodies move at another velocity
+            h, v = step.t - last.t, last.v if self.before is None else self.before.v
+            changes = sum(self.problem.constraints.travel(h * change) for change in (last.v - v, step.v - last.v))
+            far += changes + h * float(np.abs(last.before).max(initial=0.0))
 
         def choose(rates: Array) -> tuple[int, float]:
             return _choose_rows(

@@ -11,6 +11,7 @@ from ..arguments import between
 from ..errors import UnsuitableError
 from ..problem import Problem
 from ..projection import Projector
+from ..system import System
 from ..system.system import Array
 from .step import Step
 
@@ -37,6 +38,13 @@ class Timing:
     whole_steps: bool = False
     own_steps: bool = False
     coasts: bool = False
+
+    def place_of_law(self, system: System, q: Array, v: Array, h: float) -> Array:
+        """Return where a step of length h from (q, v) applies the law, shape (nq,)."""
+        time = self.jump * h
+        if time == 0.0:
+            return q
+        return system.integrate(q, system.coast(v, time)[0] if self.coasts else time * v)
 
 
 class SchemeBase:

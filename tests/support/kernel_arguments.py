@@ -622,7 +622,10 @@ def struck(rng):
             last_point[a], last_numbers[a] = point[a] + 0.01, numbers[a]
     order = np.argsort(last_numbers, kind="stable")
     last_numbers, last_point, last = last_numbers[order], last_point[order], np.ascontiguousarray(last[:, order])
-    before = last_numbers, last_point, last
+    # one of both bodies, the other or both may have carried a contact to where it is now
+    carried = np.array([last_point, last_point])
+    carried[rng.random((2, k)) < 0.3] += rng.normal(size=3)
+    before = last_numbers, carried, last
     return numbers, point, rates, rng.random(m), *before, 0.1, rng.random(2), 1e-12, np.zeros(m, np.int8)
 
 

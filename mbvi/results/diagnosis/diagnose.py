@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from ...problem import Problem
     from ...projection import Metric
     from ...schemes import Scheme, Step
-    from ...schemes.scheme import Timing
 
 # most single impacts followed at one instant
 _MOST_IMPACTS = 2_000
@@ -212,14 +211,14 @@ def states(run: RunData) -> Iterator[State]:
 
 def _states(run: RunData) -> Iterator[State]:
     assert run.problem is not None
-    problem, jump, scheme = run.problem, run.record.timing.jump, _stepping_scheme(run)
+    problem, timing, scheme = run.problem, run.record.timing, _stepping_scheme(run)
     # Coulomb's law for many contacts is solved as exactly as in the run
     projector = Projector(friction_residual=max(1e-6, float(np.max(run.residual, initial=0.0))))
     # a control may look at the contacts of the step before, and only that step gives them
     observe = observer(problem)
     # only the step separates the work of moving walls and of projected positions from that of the impact
     again = scheme is not None and (
-        jump < 1.0 or scheme.project_positions or problem.constraints.moving or observe is not None
+        timing.jump < 1.0 or scheme.project_positions or problem.constraints.moving or observe is not None
     )
     problem.system.start()
     yield State(float(run.t[0]), run.q[0], problem.v0, run.v[0], 0.0)
@@ -227,24 +226,18 @@ def _states(run: RunData) -> Iterator[State]:
         t, q, v, end = float(run.t[i - 1]), run.q[i - 1], run.v[i - 1], float(run.t[i])
         while scheme is not None and end - t > (1.0 + _INSTANT) * run.step:
             step = scheme.step(problem, t, q, v, run.step, projector)
-            acted = _at_law(problem, run.record.timing, q, v, run.step) if again else step.q
+            acted = timing.place_of_law(problem.system, q, v, run.step) if again else step.q
             yield State(step.t, acted, v, step.v, run.step, step if again else None, partial(_as_it_is, step))
             if observe is not None:
                 observe(step, run.step)
             t, q, v = step.t, step.q, step.v
         h = end - t
-        acted = _at_law(problem, run.record.timing, q, v, h) if jump < 1.0 or again else run.q[i]
+        acted = timing.place_of_law(problem.system, q, v, h) if timing.jump < 1.0 or again else run.q[i]
         take = None if scheme is None else partial(_taken, scheme, problem, t, q, v, h, projector)
         last = take() if again and take is not None else None
         yield State(end, acted, v, run.v[i], h, last, take if last is None else partial(_as_it_is, last))
         if observe is not None and last is not None:
             observe(last, h)
-
-
-def _at_law(problem: Problem, timing: Timing, q: Array, v: Array, h: float) -> Array:
-    """Return where a step of length h applies the law, shape (nq,)."""
-    time = timing.jump * h
-    return problem.system.integrate(q, problem.system.coast(v, time)[0] if timing.coasts else time * v)
 
 
 def _as_it_is(step: Step) -> Step:

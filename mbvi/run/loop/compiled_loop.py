@@ -22,7 +22,7 @@ from ...schemes.gap_bounds.reach import parts_of_bodies
 from ...schemes.kernels.records import DONE, LawMemory, MechanismStep, Scales, room
 from ...schemes.observer import contacts_of_step
 from ...schemes.positions.nearby_rows import linear_reach
-from ...schemes.step import STILL
+from ...schemes.step import NO_RATES, STILL
 from ...system.mechanisms.joined import joined
 from ...system.mechanisms.mechanism import Mechanism
 from ...system.system import parts_of
@@ -123,7 +123,8 @@ class CompiledLoop:
         recorder.count = count
         if taken:
             self._replay(done, taken)
-            state = recorder.last = self._logged(done, taken - 1)._replace(q=q, v=v)
+            state = self._logged(done, taken - 1)._replace(q=q, v=v)
+            recorder.follow(self._state_before(done, taken - 1), state)
         if self._callbacks is not None:
             if taken:
                 self._pass_contacts(taken - 1)
@@ -183,7 +184,8 @@ class CompiledLoop:
         recorder, log, begin = self._recorder, self._log, self._log.begin[: taken + 1].tolist()
         for event in np.flatnonzero(log.event[:taken]).tolist():
             if event:
-                recorder.last = self._logged(done, event - 1)
+                _, q, v, *_ = self._state_before(done, event)
+                recorder.follow(self._state_before(done, event - 1), self._logged(done, event - 1)._replace(q=q, v=v))
             first = max(0, event - RECENT)
             part = slice(begin[first], begin[event])
             later = LaterRows(log.number[part], log.rows[part, _PERCUSSION].copy(), event - first)
@@ -191,6 +193,11 @@ class CompiledLoop:
         for j in range(max(0, taken - RECENT), taken):
             part = slice(begin[j], begin[j + 1])
             recorder.recent.add(log.number[part].copy(), log.rows[part, _PERCUSSION].copy()[None])
+
+    def _state_before(self, done: int, j: int) -> Step:
+        """Return the state before step j of the last call, without rows."""
+        t, log = self._problem.t0 + (done + j) * self._h, self._log
+        return Step(t, log.q_before[j].copy(), log.v_before[j].copy(), self._problem.constraints.empty, NO_RATES, 0.0)
 
     def _logged(self, done: int, j: int) -> Step:
         t = self._problem.t0 + (done + j) * self._h + self._h
@@ -290,7 +297,8 @@ def loop_record(
         np.zeros(CHUNK, bool), np.zeros(_ROWS, np.int64), np.zeros((_ROWS, width)), problem.constraints.lever,
         problem.constraints.limits, np.zeros(4 * MOST_ROWS), *guard.shares,
         *columns_of(problem.constraints, guard.watched), guard.slow_speed, scheme.timing.jump, np.zeros(pairs),
-        np.zeros((3, nv)), np.zeros((2, nq)), np.zeros((_ROWS * scheme.project_positions, 6)),
+        np.zeros((3, nv)), np.zeros((2, nq)), np.zeros((_ROWS * scheme.project_positions, 6)), np.zeros((CHUNK, nq)),
+        np.zeros((CHUNK, nv)),
     )  # fmt: skip
 
 

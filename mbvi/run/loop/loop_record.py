@@ -14,7 +14,8 @@ PLAIN, ROUGH, TURNING = 12, 27, 39
 
 @record(
     "f8[::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], i8[::1], i8[::1], b1[::1], i8[::1], f8[:,::1], f8[::1],"
-    " i8, f8[::1], f8[::1], f8[:,::1], i8[::1], i8[::1], f8[::1], f8, f8, f8[::1], f8[:,::1], f8[:,::1], f8[:,::1]"
+    " i8, f8[::1], f8[::1], f8[:,::1], i8[::1], i8[::1], f8[::1], f8, f8, f8[::1], f8[:,::1], f8[:,::1], f8[:,::1],"
+    " f8[:,::1], f8[:,::1]"
 )
 class LoopRecord(NamedTuple):
     """The states of a run, and the rows of the steps of one call.
@@ -49,6 +50,8 @@ class LoopRecord(NamedTuple):
         Room for tangent vectors and configurations.
     correction : ndarray, shape (r, 6)
         The log of `Step.correction`; of no size where positions are not projected.
+    q_before, v_before : ndarray, shapes (k, nq) and (k, nv)
+        The states before the steps of this call.
     """
 
     t: Array
@@ -76,3 +79,5 @@ class LoopRecord(NamedTuple):
     tangents: Array
     places: Array
     correction: Array
+    q_before: Array
+    v_before: Array

@@ -123,9 +123,9 @@ def run_paoli(
             log_rows(s, log, place)
             place += m
         for k in range(len(q)):
-            q[k] = s.q[k]
+            log.q_before[i - first, k], q[k] = q[k], s.q[k]
         for k in range(len(v)):
-            v[k] = s.v[k]
+            log.v_before[i - first, k], v[k] = v[k], s.v[k]
         if i % every == 0 or i == total:
             log.t[count] = t + h
             for k in range(len(q)):

@@ -38,9 +38,9 @@ def _struck_plain(
     first, end = (np.searchsorted(last_number[then], number, side) for side in ("left", "right"))
     row = np.repeat(np.arange(len(number)), end - first)
     other = then[np.arange(len(row)) + np.repeat(first - np.cumsum(end - first) + end - first, end - first)]
-    shift = last_point[other] - point[row]
+    shift = last_point[:, other] - point[row]
     # limits have no points: NaN is near
-    near = ~(np.vecdot(shift, shift) > far**2)
+    near = (~(np.vecdot(shift, shift) > far**2)).any(axis=0)
     pressed = np.bincount(row[near], last_rates[0, other[near]], minlength=len(number))
     closing = closes(rates, _still(number, lever, still)) & (pressed == 0.0)
     chosen[:] = (percussion > 0.0) & (percussion > 2.0 * pressed) & closing.any()

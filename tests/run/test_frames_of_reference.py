@@ -1,0 +1,159 @@
+"""Which impacts a run records does not depend on the velocity of the frame in which the scene is seen."""
+
+from functools import partial
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import mbvi
+from mbvi.constraints.carried import Place, carried
+from mbvi.run.fixed_steps import taking
+from support.paths import ROBOTS
+
+pytestmark = pytest.mark.filterwarnings("ignore::mbvi.MbviWarning")
+STEP, DURATION = 5e-3, 0.3
+SCHEMES = {
+    "Paoli": mbvi.Paoli(),
+    "MoreauJean": mbvi.MoreauJean(),
+    "SchatzmanPaoli": mbvi.SchatzmanPaoli(),
+}
+
+
+def tower(velocity, e, seed, floor=False, friction=0.0):
+    """Return a ball, a box and a capsule, one above the other, whose percussions are unique.
+
+    Without a floor they fly towards each other. With one they fall, and both floor and bodies have the velocity.
+    """
+    rng = np.random.default_rng(seed)
+    scene = mbvi.Scene(gravity=(0, 0, -9.81 if floor else 0.0), restitution=e, friction=friction)
+    if floor:
+        scene.add_halfspace((0, 0, 1), name="floor", motion=mbvi.motion.Translation(velocity))
+    adds = (
+        partial(scene.add_sphere, 0.05), partial(scene.add_box, (0.2, 0.16, 0.1)), partial(scene.add_capsule, 0.04, 0.1)
+    )  # fmt: skip
+    for k, add in enumerate(adds):
+        place, own = (*rng.uniform(-0.01, 0.01, 2), 0.07 + 0.13 * k), np.asarray(velocity) - [0, 0, 0.8 * k]
+        turn = Rotation.from_rotvec(rng.uniform(-0.3, 0.3, 3) + 0.5 * np.pi * (k == 2) * np.eye(3)[1]).as_matrix()
+        spin = {} if k == 0 else {"rotation": turn, "angular_velocity": rng.uniform(-1.0, 1.0, 3)}
+        add(rng.uniform(0.5, 2.0), position=place, velocity=own, **spin)
+    return scene.build()
+
+
+def run_of(problem, scheme):
+    return mbvi.simulate(problem, scheme, step=STEP, duration=DURATION, progress=False)
+
+
+def by_constraint(impact):
+    """Return percussions and rates before and after of an impact, and its points, in the order of names and points."""
+    values = np.column_stack([impact.percussion, impact.before, impact.after])
+    order = sorted(range(len(values)), key=lambda k: (impact.constraints[k], *values[k].round(6)))
+    return [impact.constraints[k] for k in order], values[order]
+
+
+def same_impacts(runs):
+    """Assert that runs have the same impacts."""
+    run, *others = runs
+    assert len(run.impacts) > 1
+    for other in others:
+        times = [one.time for one in run.impacts]
+        assert len(other.impacts) == len(times)
+        np.testing.assert_allclose([one.time for one in other.impacts], times, rtol=0.0, atol=1e-12)
+        for one, two in zip(run.impacts, other.impacts, strict=True):
+            (names, values), (expected, known) = by_constraint(two), by_constraint(one)
+            assert names == expected
+            np.testing.assert_allclose(values, known, rtol=0.0, atol=1e-8)
+
+
+VELOCITIES = [(0.0, 0.0, 0.0), (4.0, 0.0, 0.0), (0.0, -3.0, 0.5), (2.0, 2.0, -2.0)]
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("floor", [False, True])
+@pytest.mark.parametrize("name", SCHEMES)
+def test_scenes_that_move_as_a_whole_have_the_impacts_of_those_at_rest(name, floor, seed):
+    same_impacts([run_of(tower(v, 0.3 * (seed % 2), seed, floor), SCHEMES[name]) for v in VELOCITIES])
+
+
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("floor", [False, True])
+@pytest.mark.parametrize("name", ["Paoli", "MoreauJean"])
+def test_the_same_with_friction(name, floor, seed):
+    same_impacts([run_of(tower(v, 0.0, seed, floor, friction=0.3), SCHEMES[name]) for v in VELOCITIES])
+
+
+def test_the_loop_and_steps_of_python_record_the_same_where_few_states_are_kept():
+    """The loop keeps the states between recorded ones for its impacts alone."""
+    for velocity in VELOCITIES[:2]:
+        problem = tower(velocity, 0.0, 0, True)
+        runs = [
+            mbvi.simulate(problem, mbvi.Paoli(), step=STEP, duration=DURATION, every=every, progress=False)
+            for every in (1, 7)
+        ]
+        with pytest.MonkeyPatch.context() as patched:
+            patched.setattr(taking, "compiled_loop", lambda *_: None)
+            runs.append(run_of(problem, mbvi.Paoli()))
+        same_impacts(runs)
+
+
+class Turntable:
+    """A motion that turns about the vertical and rises."""
+
+    def pose(self, t):
+        return Rotation.from_rotvec((0.0, 0.0, 2.0 * t)).as_matrix(), np.array([0.1, 0.2, 0.3]) * t
+
+    def twist(self, t):
+        place, velocity, spin = self.pose(t)[1], np.array([0.1, 0.2, 0.3]), np.array([0.0, 0.0, 2.0])
+        return velocity - np.cross(spin, place), spin
+
+
+def test_points_are_carried_as_their_bodies_move():
+    """Each body keeps the coordinates of a point in its own axes, also a wall with a prescribed motion."""
+    rng, scene = np.random.default_rng(0), mbvi.Scene()
+    scene.add_halfspace((0, 0, 1), name="table", motion=Turntable())
+    scene.add_halfspace((0, 0, 1), offset=-1.0, name="floor")
+    for k in range(2):
+        scene.add_box((0.2, 0.2, 0.1), position=(0.1, 0.0, 0.2 + 0.2 * k), name=f"box {k}")
+    problem = scene.build()
+
+    def drawn(t):
+        """Return a place, and of each name the rotation and the origin there."""
+        q = np.empty((2, 7))
+        q[:, :3], q[:, 3:] = rng.normal(size=(2, 3)), Rotation.random(2, rng).as_quat()
+        poses = {f"box {k}": (Rotation.from_quat(q[k, 3:]).as_matrix(), q[k, :3]) for k in range(2)}
+        return Place(t, q.ravel()), poses | {"floor": (np.eye(3), np.zeros(3)), "table": Turntable().pose(t)}
+
+    (before, old), (after, new) = drawn(0.3), drawn(0.7)
+    numbers = np.arange(len(problem.constraints))
+    point = rng.normal(size=(len(numbers), 3))
+    found, seen = carried(problem.constraints, numbers, point, before, after), set()
+    for k in numbers:
+        sides = problem.constraints.name(k).split(" | ")
+        expected = [new[s][0] @ old[s][0].T @ (point[k] - old[s][1]) + new[s][1] for s in sides]
+        # a wall is the first body of its pairs, and the second in their names
+        np.testing.assert_allclose(sorted(found[:, k].tolist()), sorted(np.array(expected).tolist()), atol=1e-13)
+        seen.update(sides)
+    assert seen == set(old)
+
+
+def test_points_are_carried_by_links():
+    """A robot that moves as one rigid body carries points on any link as that body."""
+    rng, scene = np.random.default_rng(1), mbvi.Scene()
+    scene.add_halfspace((0, 0, 1), name="floor")
+    scene.add_urdf(ROBOTS / "hopper/hopper.urdf", position=(0, 0, 1), joints={"knee": 0.4}, name="hopper")
+    problem = scene.build()
+    numbers = np.arange(problem.constraints.limits, len(problem.constraints))
+    point, old, new = rng.normal(size=(len(numbers), 3)), problem.q0.copy(), problem.q0.copy()
+    for q in (old, new):
+        q[:3], q[3:7] = rng.normal(size=3), Rotation.random(1, rng).as_quat()[0]
+    turn, back = (Rotation.from_quat(q[3:7]).as_matrix() for q in (new, old))
+    expected = (point - old[:3]) @ back @ turn.T + new[:3]
+    found = carried(problem.constraints, numbers, point, Place(0.0, old), Place(0.0, new))
+    kinds = set()
+    for k, name in enumerate(map(problem.constraints.name, numbers)):
+        on_floor = name.endswith("| floor")
+        other = point[k] if on_floor else expected[k]
+        both = sorted([other.tolist(), expected[k].tolist()])
+        np.testing.assert_allclose(sorted(found[:, k].tolist()), both, atol=1e-12)
+        kinds.add(on_floor)
+    assert kinds == {True, False}
