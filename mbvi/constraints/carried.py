@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..compiled import kernel
 from .admissible_set import AdmissibleSet
 from .rows import Array
 
@@ -25,23 +26,47 @@ def carried(constraints: AdmissibleSet, numbers: Array, point: Array, before: Pl
     constraints : AdmissibleSet
         The constraints.
     numbers : ndarray of int, shape (k,)
-        Their numbers.
+        Their numbers, ascending.
     point : ndarray, shape (k, 3)
         Points in the world at `before` [m]; those of constraints that have no bodies stay.
     before, after : Place
         From where to where the bodies move.
     """
-    found = np.array([point, point])
+    found, begin = np.array([point, point]), 0
     for family, start, _ in constraints.numbered():
-        here = np.flatnonzero((numbers >= start) & (numbers < start + family.size))
-        if not here.size:
+        end = begin + int(numbers[begin:].searchsorted(start + family.size))
+        if end == begin:
             continue
-        own = numbers[here] - start
-        at_first, at_last = (family.poses_of(own, *place) for place in (before, after))
-        if at_first is None or at_last is None:
-            continue
-        for side, old, new in zip(found, at_first, at_last, strict=True):
-            # rows are the body's axes: products with them are coordinates in the body
-            inside = np.matvec(old[:, :3], point[here] - old[:, 3])
-            side[here] = np.vecmat(inside, new[:, :3]) + new[:, 3]
+        own = numbers[begin:end] - start
+        old, new = (family.poses_of(own, *place) for place in (before, after))
+        if old is not None and new is not None:
+            some = np.empty((2, end - begin, 3))
+            carry_points(point[begin:end], old, new, some)
+            found[:, begin:end] = some
+        begin = end
     return found
+
+
+@kernel("void(f8[:,::1], f8[:,:,:,::1], f8[:,:,:,::1], f8[:,:,::1])")
+def carry_points(point: Array, old: Array, new: Array, found: Array) -> None:
+    """Write where both bodies of contacts carry their points.
+
+    Parameters
+    ----------
+    point : ndarray, shape (k, 3)
+        Contact points [m].
+    old, new : ndarray, shape (2, k, 4, 3)
+        Poses of the first and of the second bodies; see `System.placements`.
+    found : ndarray, shape (2, k, 3)
+        Receives the points [m].
+    """
+    for side in range(2):
+        for k in range(len(point)):
+            for c in range(3):
+                found[side, k, c] = new[side, k, 3, c]
+            for axis in range(3):
+                along = 0.0
+                for c in range(3):
+                    along += old[side, k, axis, c] * (point[k, c] - old[side, k, 3, c])
+                for c in range(3):
+                    found[side, k, c] += along * new[side, k, axis, c]

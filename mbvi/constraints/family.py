@@ -179,15 +179,14 @@ class ConstraintFamily(ABC):
 
     # for records: contacts that move with their bodies
 
-    def poses_of(self, numbers: Array, t: float, q: Array) -> tuple[Array, Array] | None:
-        """Return the poses of the first and the second body of some constraints, shapes (k, 4, 3); None without any.
+    def poses_of(self, numbers: Array, t: float, q: Array) -> Array | None:
+        """Return the poses of the first and the second bodies of some constraints, shape (2, k, 4, 3); None without.
 
         See `System.placements`; the world's is the identity.
         """
         if type(self).bodies_of is ConstraintFamily.bodies_of:
             return None
-        first, second = places_of(self.system, q, np.concatenate(self.bodies_of(numbers))).reshape(2, -1, 4, 3)
-        return first, second
+        return places_of(self.system, q, np.concatenate(self.bodies_of(numbers))).reshape(2, -1, 4, 3)
 
     # for the cache
 

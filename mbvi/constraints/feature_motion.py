@@ -44,14 +44,15 @@ class Motion(NamedTuple):
 # the velocity of p + e_y along e_z is that of p and the angular velocity about e_x, and so on
 _BESIDE = np.concatenate([np.zeros((3, 3)), np.eye(3)[[1, 2, 0]]])
 _ALONG = np.concatenate([np.eye(3), np.eye(3)[[2, 0, 1]]])
+_IDENTITY = np.eye(4, 3)
 NOWHERE = Touching(*np.zeros((7, 0)))
 
 
 def places_of(system: System, q: Array, bodies: Array) -> Array:
     """Return the placements of some bodies, shape (k, 4, 3); the world's is the identity."""
-    places = np.zeros((len(bodies), 4, 3))
-    places[:, :3] = np.eye(3)
-    moving = bodies > 0
+    places = np.empty((len(bodies), 4, 3))
+    places[:] = _IDENTITY
+    moving = bodies.nonzero()[0]
     places[moving] = system.placements(q, bodies[moving])
     return places
 

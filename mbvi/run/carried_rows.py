@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from ..constraints.carried import Place, carried
@@ -10,44 +12,73 @@ from ..schemes import Step, Timing
 
 Array = np.ndarray
 
-_NONE = np.zeros(0, np.int64), np.zeros((2, 0, 3)), np.zeros((4, 0))
+
+class LastRows(NamedTuple):
+    """The rows of a step that have a percussion.
+
+    Attributes
+    ----------
+    number : ndarray of int, shape (k,)
+        Constraints, ascending.
+    point : ndarray, shape (2, k, 3)
+        Contact points, as the first and as the second body carries them where they are carried [m].
+    rates : ndarray, shape (4, k)
+        See `Step`.
+    """
+
+    number: Array
+    point: Array
+    rates: Array
+
+
+_NONE = LastRows(np.zeros(0, np.int64), np.zeros((2, 0, 3)), np.zeros((4, 0)))
+
+
+def last_rows(last: Step | None) -> LastRows:
+    """Return the rows of a step where they are; none before the first step."""
+    loaded = np.zeros(0, np.int64) if last is None else last.rates[0].nonzero()[0]
+    if last is None or not loaded.size:
+        return _NONE
+    rows = last.active
+    loaded = loaded[rows.constraint[loaded].argsort(kind="stable")]
+    return LastRows(rows.constraint[loaded], rows.point[loaded][None].repeat(2, 0), last.rates[:, loaded].copy("C"))
+
+
+def farthest(problem: Problem, last: Step | None, t: float) -> float:
+    """Return how far bodies may carry the points of a step until the law of the next, which ends at t [s].
+
+    It is infinite where constraints do not say how far their bodies move. What a position projection adds is not
+    counted: such a point has moved by no more than penetration.
+    """
+    constraints = problem.constraints
+    if last is None or constraints.searched.any():
+        return 0.0 if last is None else np.inf
+    envelope = constraints.cache.arrays[0]
+    return (t - last.t) * float((envelope @ np.abs(last.v)).max(initial=0.0))
 
 
 def carried_rows(
-    problem: Problem, timing: Timing, before: Step | None, last: Step | None, t: float
-) -> tuple[Array, Array, Array]:
-    """Return the rows of a step that have a percussion, constraints ascending, as they are at the law of the next step.
+    problem: Problem, timing: Timing, before: Step | None, last: Step, rows: LastRows, t: float
+) -> LastRows:
+    """Return the rows of a step as its bodies carry them to the law of the next step.
 
     Parameters
     ----------
     problem, timing
         Those of the run.
-    before, last : Step or None
+    before, last : Step or None, and Step
         The state before the step, None where that is the initial one, and the step.
+    rows : LastRows
+        Those of the step.
     t : float
         End of the next step [s].
-
-    Returns
-    -------
-    number : ndarray of int, shape (k,)
-        Constraints.
-    point : ndarray, shape (2, k, 3)
-        Contact points as the first and as the second body has carried them [m].
-    rates : ndarray, shape (4, k)
-        See `Step`.
     """
-    if last is None:
-        return _NONE
-    loaded = np.flatnonzero(last.rates[0] > 0.0)
-    if not loaded.size:
-        return _NONE
-    rows = last.active
-    loaded = loaded[np.argsort(rows.constraint[loaded], kind="stable")]
-    number, rates = rows.constraint[loaded], np.ascontiguousarray(last.rates[:, loaded])
+    if not rows.number.size:
+        return rows
     # the law of the initial state acts there
     start = last if before is None else before
     old, new = (
         Place(at.t + timing.jump * h, timing.place_of_law(problem.system, at.q, at.v, h))
         for at, h in ((start, last.t - start.t), (last, t - last.t))
     )
-    return number, carried(problem.constraints, number, rows.point[loaded], old, new), rates
+    return rows._replace(point=carried(problem.constraints, rows.number, rows.point[0], old, new))

@@ -17,7 +17,7 @@ from ..schemes import SchemeBase, Step, Timing
 from ..schemes.contact_friction import friction_of
 from ..schemes.event_driven.runge_kutta import DEGREE
 from ..schemes.step import STILL
-from .carried_rows import carried_rows
+from .carried_rows import LastRows, carried_rows, farthest, last_rows
 from .loop.impact_rows import NO_ROWS, LaterRows, RecentPercussions, friction_of_impact, linked
 
 # contact points of one pair in consecutive steps count as the same point within this distance, which is measured where
@@ -271,20 +271,26 @@ class Recorder:
         active, rates, last = step.active, step.rates, self.last
         number, point, e = active.constraint, active.point, active.restitution
         candidates = np.empty(len(number), np.int8)
-        last_number, last_point, last_rates = carried_rows(self.problem, self.timing, self.before, self.last, step.t)
-        far = SAME_POINT * self.problem.length
+        rows, far = last_rows(last), SAME_POINT * self.problem.length
+
+        def choose(rates: Array, rows: LastRows, far: float) -> tuple[int, float]:
+            return _choose_rows(number, point, rates, e, *rows, far, self._lever, self._still, candidates)
+
+        travel = farthest(self.problem, last, step.t) if rows.number.size else 0.0
         if step.at_once is not None and last is not None:
             # an impact goes on in the next step, in which its bodies move at another velocity
             h, v = step.t - last.t, last.v if self.before is None else self.before.v
             changes = sum(self.problem.constraints.travel(h * change) for change in (last.v - v, step.v - last.v))
             far += changes + h * float(np.abs(last.before).max(initial=0.0))
-
-        def choose(rates: Array) -> tuple[int, float]:
-            return _choose_rows(
-                number, point, rates, e, last_number, last_point, last_rates, far, self._lever, self._still, candidates
-            )
-
-        count, energy = choose(rates)
+        count, energy = choose(rates, rows, far + travel)
+        if travel > 0.0 and last is not None:
+            # poses are asked for only where it matters how far bodies have carried the points
+            nearest = candidates.copy()
+            if travel < far:
+                count, energy = choose(rates, rows, far - travel)
+            if travel >= far or not np.array_equal(candidates, nearest):
+                rows = carried_rows(self.problem, self.timing, self.before, last, rows, step.t)
+                count, energy = choose(rates, rows, far)
         if not count:
             return
         chosen = self._taking_part(step, candidates, later)
@@ -295,7 +301,7 @@ class Recorder:
             # percussions of impacts that began in the step before were counted there
             rates[0, ~chosen] = 0.0
             step = step._replace(rates=rates)
-            _, energy = choose(rates)
+            _, energy = choose(rates, rows, far)
         scale = step.percussion @ (np.abs(step.before) + np.abs(step.after))
         if step.slip is not None:
             energy += 0.5 * float(np.vdot(step.slip[0], step.slip[1] + step.slip[2]))

@@ -608,6 +608,11 @@ def note(rng):
     return int(rng.integers(n)), number, 0.1 * rng.normal(size=m), rates, rng.random(), lever, limits, 1e-12, *noted
 
 
+def carried_points(rng):
+    m = int(rng.integers(0, 5))
+    return rng.normal(size=(m, 3)), *rng.normal(size=(2, 2, m, 4, 3)), np.empty((2, m, 3))
+
+
 def struck(rng):
     m, k = rng.integers(0, 6), rng.integers(0, 6)
     rates, last = (rng.normal(size=(4, n)) * (rng.random((4, n)) < 0.7) for n in (m, k))
@@ -1237,6 +1242,7 @@ ARGUMENTS = {
     "planar_separation_rows": pulled_in_plane,
     "first_of_lines": first_of_lines,
     "_choose_rows": struck,
+    "carry_points": carried_points,
     "factor": factor,
     "factor_mass": factor,
     "whiten": back,

@@ -77,9 +77,9 @@ class MovingFrame:
         return point @ self._turn.T + self._place, normal @ self._turn.T
 
     def in_world(self, poses: Array) -> Array:
-        """Return poses in the world from those in the frame, shape (k, 4, 3)."""
+        """Return poses in the world from those in the frame, shape (..., 4, 3)."""
         poses = poses @ self._turn.T
-        poses[:, 3] += self._place
+        poses[..., 3, :] += self._place
         return poses
 
     def rate(self, point: Array, normal: Array) -> Array:
@@ -156,10 +156,10 @@ class MovingWalls(ConstraintFamily):
         about = np.concatenate([rows.normal[:, None], axes], axis=1)
         return found, -(about @ self.frame.spin).ravel()
 
-    def poses_of(self, numbers: Array, t: float, q: Array) -> tuple[Array, Array] | None:
+    def poses_of(self, numbers: Array, t: float, q: Array) -> Array | None:
         """Return the poses of walls, that of the frame, and of bodies; see the base class."""
         found = self.constraint.poses_of(numbers, t, self.frame.set_state(t, q))
-        return None if found is None else (self.frame.in_world(found[0]), self.frame.in_world(found[1]))
+        return None if found is None else self.frame.in_world(found)
 
     @property
     def count(self) -> int:
