@@ -31,14 +31,14 @@ class LastRows(NamedTuple):
     rates: Array
 
 
-_NONE = LastRows(np.zeros(0, np.int64), np.zeros((2, 0, 3)), np.zeros((4, 0)))
+NO_LAST_ROWS = LastRows(np.zeros(0, np.int64), np.zeros((2, 0, 3)), np.zeros((4, 0)))
 
 
 def last_rows(last: Step | None) -> LastRows:
     """Return the rows of a step where they are; none before the first step."""
     loaded = np.zeros(0, np.int64) if last is None else last.rates[0].nonzero()[0]
     if last is None or not loaded.size:
-        return _NONE
+        return NO_LAST_ROWS
     rows = last.active
     loaded = loaded[rows.constraint[loaded].argsort(kind="stable")]
     return LastRows(rows.constraint[loaded], rows.point[loaded][None].repeat(2, 0), last.rates[:, loaded].copy("C"))

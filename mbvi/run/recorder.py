@@ -17,7 +17,7 @@ from ..schemes import SchemeBase, Step, Timing
 from ..schemes.contact_friction import friction_of
 from ..schemes.event_driven.runge_kutta import DEGREE
 from ..schemes.step import STILL
-from .carried_rows import LastRows, carried_rows, farthest, last_rows
+from .carried_rows import NO_LAST_ROWS, LastRows, carried_rows, farthest, last_rows
 from .loop.impact_rows import NO_ROWS, LaterRows, RecentPercussions, friction_of_impact, linked
 
 # contact points of one pair in consecutive steps count as the same point within this distance, which is measured where
@@ -286,9 +286,8 @@ class Recorder:
         if travel > 0.0 and last is not None:
             # poses are asked for only where it matters how far bodies have carried the points
             nearest = candidates.copy()
-            if travel < far:
-                count, energy = choose(rates, rows, far - travel)
-            if travel >= far or not np.array_equal(candidates, nearest):
+            count, energy = choose(rates, rows if travel < far else NO_LAST_ROWS, far - travel)
+            if not np.array_equal(candidates, nearest):
                 rows = carried_rows(self.problem, self.timing, self.before, last, rows, step.t)
                 count, energy = choose(rates, rows, far)
         if not count:
