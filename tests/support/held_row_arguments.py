@@ -13,6 +13,7 @@ from mbvi.constraints.feature_kernels import (
     VERTEX_LINE,
 )
 from mbvi.constraints.mechanism.held_rows import LIMIT, RowParts, held_rows_of, hold, row_room, write_held, write_row
+from mbvi.schemes.event_driven.finding.interpolants import PARTS
 from mbvi.schemes.event_driven.runge_kutta import DEGREE
 from mbvi.schemes.event_driven.stages import accelerate, smooth_motion
 from support.joint_tree_arguments import moved_model, tree_of
@@ -175,6 +176,35 @@ def _along(rng):
     return motion, rows, rng.normal(size=(2, len(v), DEGREE)), 1e-2, rng.random(3), q, v
 
 
+def _whole_step(rng):
+    motion, rows, weights, h, _, _, q, v, K = _stages(rng)
+    n = len(K)
+    return (
+        motion,
+        rows,
+        weights,
+        rng.normal(size=(2, n)),
+        h,
+        q,
+        v,
+        K,
+        np.full(len(v), np.nan),
+        np.full(K.shape[1], np.nan),
+    )
+
+
+def _dense_output(rng):
+    motion, rows, weights, h, first, _, q, v, K = _stages(rng)
+    polynomials, dense = rng.normal(size=(len(K), DEGREE)), np.full((2, len(v), DEGREE), np.nan)
+    return motion, rows, weights, polynomials, h, q, v, K, first, dense
+
+
+def _on_grid(rng):
+    x, k = np.linspace(0.0, 1.0, PARTS + 1), rng.integers(1, 9, size=3)
+    values = rng.normal(size=3) @ np.cos(k[:, None] * x + rng.random((3, 1))) + rng.choice([0.0, 1.0])
+    return values, float(rng.choice([0.0, 1e-3]))
+
+
 def _margins_along(rng):
     motion, rows, *rest = _along(rng)
     return motion, rows, *rest, 1e-9, np.full((3, len(rows.kind)), np.nan)
@@ -286,6 +316,12 @@ HELD_ROW_ARGUMENTS = {
     "remove_drift_of": _drifted,
     "interpolation_error": lambda rng: (*_interpolated(rng)[::2], 0),
     "write_soonest": _interpolated,
+    "all_stay_positive": lambda rng: _interpolated(rng)[:3],
+    "root_of_parabola": lambda rng: tuple(rng.normal(size=3).tolist()),
+    "root_on_grid": _on_grid,
+    "largest_error": lambda rng: (rng.random(3 * 4), rng.normal(size=4), 0.1 + rng.random(4)),
+    "take_whole_step": _whole_step,
+    "write_dense_output": _dense_output,
     "write_candidates": _may_close,
     "write_outside": _outside,
     "lowest_of_rim": _disc,

@@ -25,6 +25,7 @@ from mbvi.run.loop.loop_record import LoopRecord
 from mbvi.schemes.event_driven.runge_kutta import DEGREE
 from mbvi.schemes.event_driven.stages import smooth_motion
 from mbvi.system.mechanisms.mechanism import place
+from support.closing_arguments import closing_arguments
 from support.paths import DATA, ROBOTS
 
 STEP, DURATION = 1e-3, 0.2
@@ -143,7 +144,8 @@ def arrays_of(value, path=()):
     elif isinstance(value, tuple):
         names = getattr(value, "_fields", [""] * len(value))
         for k, (name, part) in enumerate(zip(names, value, strict=True)):
-            if name not in ("calls", "address", "meshes", "out", "found"):
+            # midpoints of pairs that are not near are not written
+            if name not in ("calls", "address", "meshes", "out", "found", "middle"):
                 yield from arrays_of(part, (*path, k))
 
 
@@ -672,6 +674,7 @@ LOOP_ARGUMENTS = {
     "place_bodies": lambda rng, seed: _near(seed)[::2],
     "distance_of": lambda rng, seed: (*_near(seed)[1:], int(rng.integers(2)), float(rng.choice([0.0, 1.0]))),
     "is_beyond": is_beyond,
+    **closing_arguments(_near),
     "write_distances": write_distances,
     "distances_at": distances_at,
     "distances_along": distances_along,

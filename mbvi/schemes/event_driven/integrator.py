@@ -25,6 +25,7 @@ from .impact_event import ImpactEvent
 from .motion_state import NO_ROWS, MotionState
 from .rows.row_sets import members, union
 from .runge_kutta import RungeKuttaStep
+from .whole_step import largest_error
 
 # largest error of one step, relative to the tolerance
 _LOCAL = 0.3
@@ -237,9 +238,17 @@ class EventDrivenIntegrator(MotionState):
         if share < 1.0:
             stops = share == release and self.modes is not None and self.modes.stopped >= 0
             crossing = self._crossing(NO_ROWS if first is pairs else first, stops)
-            exact = error < _SMALL or stops
-            step = self._cut(step, share, crossing) if exact else self._step_to_event(a, share * h, crossing, h)
-            if first.size and first is not pairs and self._misses(first, step):
+            exact, closes = error < _SMALL or stops, bool(first.size) and first is not pairs
+            known = (
+                self.closing.crossing(step, share, int(first[0]), _MOST_LATE, _MOST_NEWTON)
+                if exact and closes
+                else None
+            )
+            if known is not None:
+                step = self._cut(step, known, None)
+            else:
+                step = self._cut(step, share, crossing) if exact else self._step_to_event(a, share * h, crossing, h)
+            if closes and self._misses(first, step):
                 # of a long step in which bodies meet and part again interpolants may know too little
                 return None, max(_BEFORE_MISSED * share, _LEAST_MISSED), 1.0, NO_ROWS
         return step, factor, share, first
@@ -282,10 +291,7 @@ class EventDrivenIntegrator(MotionState):
 
     def _error(self, step: RungeKuttaStep) -> float:
         """Return the local error relative to the error that is allowed."""
-        speed = float(np.abs(step.v / self.units).max(initial=1.0))
-        in_chart, *of_v = (step.error.reshape(-1, len(step.v)) / self.units).max(axis=1, initial=0.0).tolist()
-        # np.maximum keeps a NaN
-        return float(np.maximum(in_chart, np.max(of_v) / speed) / (_LOCAL * self.tolerance))
+        return largest_error(step.error, step.v, self.units) / (_LOCAL * self.tolerance)
 
     def _crossing(self, first: Array, stops: bool) -> Crossing | None:
         """Return what falls through zero at an event: the gap of a row, or a slip; None if neither does."""
@@ -309,6 +315,9 @@ class EventDrivenIntegrator(MotionState):
                 break
             share -= gap / rate / step.h
         cut = step.cut(self.system, share)
+        if self._stop is None and not self.observed.active:
+            # nothing asks for the acceleration at an event, after which others act
+            return cut
         return cut._replace(a=self.flow.acceleration(cut.t + cut.h, cut.q, cut.v, self.closed))
 
     def _step_to_event(self, a: Array, h: float, crossing: Crossing | None, longest: float) -> RungeKuttaStep:

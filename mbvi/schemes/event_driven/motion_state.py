@@ -92,7 +92,8 @@ class MotionState:
 
     def feature_pairs(self) -> Array:
         """Return the rows of the pairs of which rows of features are closed, ascending."""
-        return np.unique(self.rows.pair[self.closed[self.closed >= len(self.rows.all)]])
+        features = self.closed[self.closed >= len(self.rows.all)]
+        return np.unique(self.rows.pair[features]) if features.size else NO_ROWS
 
     def slow(self, index: Array) -> Array:
         """Return the rates of some rows that count as zero [m/s or rad/s]."""

@@ -15,12 +15,12 @@ from ...constraints.mechanism.held_rows import HeldRows, write_scales
 from ...problem import Problem
 from ...projection import Metric
 from ...system import System
-from ...system.free.bodies import FreeBodies
-from ...system.free.planar import PlanarBodies
 from ...system.mechanisms.loop_margin import with_equalities
 from ...system.system import Array
 from .rows.contact_rows import SmoothRows
-from .stages import SmoothMotion, accelerate, margins_along, stages_of, take_stages
+from .stages import SmoothMotion, accelerate, margins_along, stages_of
+from .turning import turning_columns
+from .whole_step import take_whole_step, write_dense_output
 
 # singular values of the Delassus matrix below this count as zero
 DEPENDENT = 1e-10
@@ -136,6 +136,14 @@ def least_percussion(G: Array, change: Array) -> Array:
     return np.asarray(p)
 
 
+def _reached(motion: SmoothMotion) -> tuple[Array, Array]:
+    """Return the state of the last stage."""
+    place = motion.q.copy()
+    # read-only, so that results computed for this array remain valid
+    place.setflags(write=False)
+    return place, motion.v.copy()
+
+
 class Flow:
     """Accelerations with closed contacts, and steps of order eight.
 
@@ -177,7 +185,7 @@ class Flow:
         )  # fmt: skip
         self._nodes = [*DOP853.C.tolist(), 1.0, *DOP853.C_EXTRA.tolist()]
         self._stages, self._error_weights = n, np.array([DOP853.E5, DOP853.E3])
-        self._dense_weights = _dense_polynomials(DOP853.B, DOP853.D)
+        self._dense_weights = np.ascontiguousarray(_dense_polynomials(DOP853.B, DOP853.D))
 
     def longest(self, v: Array) -> float:
         """Return the longest step from a velocity v [s]: no body turns too far in it."""
@@ -224,6 +232,13 @@ class Flow:
         # `RungeKuttaStep.rates`
         K = np.empty((n + 4, nv + len(a)))
         K[0, :nv], K[0, nv:] = v, a
+        found = self._constant(closed)
+        if found is not None:
+            motion, held = found
+            fastest, error = np.empty(nv), np.empty(nv + len(a))
+            take_whole_step(motion, held, self._weights, self._error_weights, h, q, v, K, fastest, error)
+            travel, end = _MARGIN * abs(h) * fastest, _reached(motion)
+            return RungeKuttaStep(t, h, q, v, *end, K[n, nv:], travel, K, error, _NO_DENSE)
         q1, v1 = self._take(t, q, v, h, K, 1, n + 1, closed)
         travel = _MARGIN * abs(h) * np.abs(K[: n + 1, :nv]).max(axis=0)
         fifth, third = np.abs(h * self._error_weights.dot(K[: n + 1]))
@@ -235,6 +250,12 @@ class Flow:
     def with_dense_output(self, step: RungeKuttaStep, closed: Array) -> RungeKuttaStep:
         """Return the step with its dense output."""
         v, K = step.v0, step.rates
+        found = self._constant(closed)
+        if found is not None:
+            dense = np.empty((2, len(v), DEGREE))
+            first = self._stages + 1
+            write_dense_output(*found, self._weights, self._dense_weights, step.h, step.q0, v, K, first, dense)
+            return step._replace(dense=dense)
         self._take(step.t, step.q0, v, step.h, K, self._stages + 1, len(K), closed)
         return step._replace(dense=K[:, : 2 * len(v)].T.dot(self._dense_weights).reshape(2, len(v), DEGREE))
 
@@ -275,14 +296,6 @@ class Flow:
         self, t: float, q: Array, v: Array, h: float, K: Array, first: int, end: int, closed: Array
     ) -> tuple[Array, Array]:
         """Write rows `first` to `end` - 1 of K, the rates of these stages; return the last one's q and v."""
-        found = self._constant(closed)
-        if found is not None:
-            motion, held = found
-            take_stages(motion, held, self._weights, h, first, end, q, v, K)
-            place = motion.q.copy()
-            # read-only, so that results computed for this array remain valid
-            place.setflags(write=False)
-            return place, motion.v.copy()
         weights = h * self._weights
         for i in range(first, end):
             place, speed = self._stage(t, q, v, h, K, weights, i, closed)
@@ -302,26 +315,6 @@ class Flow:
         K[i, :nv] = self.system.chart_rate(q, dq, speed)
         K[i, nv:] = self.acceleration(t + self._nodes[i] * h, place, speed, closed)
         return place, speed
-
-
-def turning_columns(system: System) -> Array:
-    """Return the indices in v of angular velocities about axes that change, shape (n, 3); nv where there is none.
-
-    They are those of free bodies, and of joints with several rotations or with one about an axis that moves.
-    """
-    found: list[Array] = []
-    for part in system.located_parts():
-        bodies = part.system
-        if isinstance(bodies, FreeBodies) and not isinstance(bodies, PlanarBodies):
-            found += [part.v + 6 * k + np.arange(3, 6) for k in range(bodies.independent_bodies)]
-        elif bodies.model is not None:
-            for joint in list(bodies.model.joints)[1:]:
-                first = part.v + joint.idx_v
-                if joint.shortname() == "JointModelPlanar":
-                    found.append(np.array([first + 2, system.nv, system.nv]))
-                elif joint.nv in (3, 6) and joint.nq > joint.nv:
-                    found.append(first + joint.nv - 3 + np.arange(3))
-    return np.array(found, np.int64).reshape(-1, 3)
 
 
 # the dense output of a step before it is computed

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import mbvi
-from mbvi.schemes.event_driven.runge_kutta import turning_columns
+from mbvi.schemes.event_driven.turning import turning_columns
 from support.paths import ROBOTS
 
 LINK = """<robot name="link"><link name="link"><inertial><origin xyz="0.1 -0.05 0.02"/><mass value="2"/>

@@ -7,56 +7,21 @@ from functools import partial
 
 import numpy as np
 
-from ....compiled import kernel
+from ....compiled import held
 from ....system import System
 from ....system.system import Array
 from ..rows.contact_rows import SmoothRows, measured_by
+from ..rows.known_pairs import UNKNOWN_ROW, KnownPairs
 from ..runge_kutta import RungeKuttaStep
 from ..stages import MechanismStages
-from .root_finding import FEW_NODES, first_root
+from .closing_roots import ClosingRows
+from .closing_search import NOT_KNOWN, first_closing, write_candidates
+from .crossing import crossing_share
+from .interpolants import COARSE, FEW_NODES, FINE
+from .root_finding import first_root
 
 _END, _LENGTHS = np.ones(1), np.diff(FEW_NODES)[:, None]
-
-
-@kernel("i8(f8[:,::1], i8[::1], f8[::1], f8[::1], i8[::1], f8[::1], f8[::1], i8[::1])")
-def write_candidates(
-    reach: Array, which: Array, travel: Array, bounds: Array, closed: Array, fall: Array, after: Array,
-    candidates: Array,
-) -> int:  # fmt: skip
-    """Write which gaps may reach zero within a step; return how many.
-
-    Parameters
-    ----------
-    reach : ndarray, shape (r, nv)
-        How fast each velocity can change a gap; infinite where that is not known.
-    which : ndarray of int, shape (m,)
-        Of each row its reach.
-    travel : ndarray, shape (nv,)
-        Bound of the travel of each coordinate.
-    bounds : ndarray, shape (m,)
-        Lower bounds of the gaps at the start of the step.
-    closed : ndarray of int
-        Rows that cannot close.
-    fall, after : ndarray, shape (m,)
-        Receive bounds of by how much gaps fall, and lower bounds of the gaps after the step.
-    candidates : ndarray of int, shape (m,)
-        Receives the rows.
-    """
-    count, each = 0, np.zeros(len(reach))
-    for r in range(len(reach)):
-        for k in range(len(travel)):
-            each[r] += reach[r, k] * travel[k] if reach[r, k] < np.inf else np.inf
-    for i in range(len(which)):
-        fall[i] = each[which[i]]
-        after[i] = bounds[i] - fall[i]
-        if not after[i] > 0.0:
-            open_row = True
-            for c in closed:
-                open_row = open_row and c != i
-            if open_row:
-                candidates[count] = i
-                count += 1
-    return count
+NO_ROWS = np.zeros(0, np.int64)
 
 
 class ClosingEvents:
@@ -79,22 +44,37 @@ class ClosingEvents:
 
     def __init__(self, system: System, rows: SmoothRows, kernels: MechanismStages | None) -> None:
         self._system, self._rows, self._kernels = system, rows, kernels
-        # all points of a shape have the same reach
-        self._reach, which = np.unique(rows.reach, axis=0, return_inverse=True)
-        self._which = which.astype(np.int64)
+        m = len(rows.all)
+        # all points of a shape have the same reach, and follow each other
+        first = np.append(True, (rows.reach[1:] != rows.reach[:-1]).any(axis=1))[:m]
+        self._reach, self._which = rows.reach[first], np.cumsum(first) - 1
         # a lower bound of each gap at the end of the last step; -inf where it is unknown
-        self._bounds = np.full(len(rows.all), -np.inf)
+        self._bounds = np.full(m, -np.inf)
         self.depth = np.zeros(2)
+        self._search: Callable[[RungeKuttaStep, Array], tuple[float, int, int]] | None = None
+        if kernels is not None and rows.searched is not None:
+            columns = rows.searched_pair, rows.smooth[:m], rows.thickness, rows.rounding[:m]
+            room = np.empty(m), np.empty(m), np.empty(m, np.int64), np.empty((2, m))
+            self._found = ClosingRows(*columns, self._reach, self._which, self._bounds, *room)
+            self._kept = held(self._found), held(COARSE), held(FINE)
+            self._search = partial(self._by_kernel, kernels, rows.searched)
 
     def first(self, step: RungeKuttaStep, closed: Array) -> tuple[float, Array]:
         """Return the share of a step at which the first open row closes, and which: 1 and none if none does."""
+        self.depth = np.zeros(2)
+        if self._search is not None:
+            share, row, count = self._search(step, closed)
+            if row != NOT_KNOWN:
+                if share == 1.0 and count:
+                    candidates = self._found.candidates[:count].copy()
+                    self.depth = self._rows.depths(candidates, self._found.ends[0, :count])
+                return share, np.array([row]) if share < 1.0 else NO_ROWS
         fall, bounds = np.empty((2, len(self._bounds)))
         candidates = np.empty(len(fall), np.int64)
         count = write_candidates(self._reach, self._which, step.travel, self._bounds, closed, fall, bounds, candidates)
         candidates = candidates[:count].copy()
-        self.depth = np.zeros(2)
         if not candidates.size:
-            self._bounds = bounds
+            self._bounds[:] = bounds
             return 1.0, candidates
         start = self._start(step, candidates)
         end = self._along(step, _END, candidates, 0.0)[0]
@@ -110,8 +90,30 @@ class ClosingEvents:
             spent = share * fall if share > 0.0 else np.zeros_like(fall)
             bounds, self.depth = self._bounds - spent, np.zeros(2)
             bounds[candidates] = start - spent[candidates]
-        self._bounds = bounds
+        self._bounds[:] = bounds
         return share, first
+
+    def _by_kernel(
+        self, kernels: MechanismStages, pairs: KnownPairs, step: RungeKuttaStep, closed: Array
+    ) -> tuple[float, int, int]:
+        """Return what `first_closing` does."""
+        rows, coarse, fine = self._kept
+        return first_closing(
+            kernels.motion, kernels.rows.parts, pairs.tables, pairs.shapes, rows, step.dense, step.h, step.q0, step.v0,
+            step.travel, coarse, fine, closed,
+        )  # fmt: skip
+
+    def crossing(self, step: RungeKuttaStep, share: float, row: int, most: float, turns: int) -> float | None:
+        """Return the share of a step at which the gap of an open row falls through zero; None where kernels do not.
+
+        Newton's method begins at the given share, ends at most at that of `most`, and takes so many turns at most.
+        """
+        kernels, pairs, rows = self._kernels, self._rows.searched, self._rows
+        if kernels is None or pairs is None or rows.searched_pair[row] == UNKNOWN_ROW:
+            return None
+        known = kernels.rows.parts, kernels.rows.room, pairs.tables, pairs.shapes, pairs.bodies
+        way, least = (step.dense, step.h, share, step.q0, step.v0), 0.1 * rows.rounding[row]
+        return float(crossing_share(kernels.motion, *known, row, rows.searched_pair[row], *way, least, most, turns))
 
     def within(self, t: float, q: Array, gap: float) -> Array:
         """Return the rows whose gap may be at most `gap` [m] at (t, q), the end of the last step or its event."""

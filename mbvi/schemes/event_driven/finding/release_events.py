@@ -10,6 +10,7 @@ import numpy as np
 from ....projection import Projector
 from ....system.system import Array
 from ..runge_kutta import Flow, RungeKuttaStep
+from .interpolants import COARSE, FEW_NODES, all_stay_positive
 from .root_finding import first_root
 
 # relative acceleration above which a closed contact opens, and below which a contact without a force stays closed; the
@@ -37,7 +38,10 @@ def first_release(flow: Flow, projector: Projector, step: RungeKuttaStep, closed
     def forces(x: Array, of: Array) -> Array:
         return flow.force_margins(step, closed, share * x, OPENS)[:, of]
 
-    x, _ = first_root(forces, np.full(len(closed), np.inf))
+    known = flow.force_margins(step, closed, share * FEW_NODES, OPENS)
+    if all_stay_positive(COARSE.last, COARSE.grid, known):
+        return 1.0
+    x, _ = first_root(forces, np.full(len(closed), np.inf), known)
     if x == 1.0:
         return 1.0
     return first_end(partial(_all_stay, flow, projector, step, closed), x * share, share)

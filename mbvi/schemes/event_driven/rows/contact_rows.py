@@ -17,7 +17,7 @@ from ....constraints.tangents import Tangents
 from ....errors import UnsuitableError
 from ....system.free.sparse_rows import dense
 from ....system.lengths import velocity_units
-from .known_pairs import KnownPairs
+from .known_pairs import NO_PAIR, UNKNOWN_ROW, KnownPairs
 from .known_rows import KnownRows, known_rows
 from .row_columns import SEARCHED, completed, extent, measured_by
 from .row_sets import union, without
@@ -75,6 +75,10 @@ class SmoothRows:
         Error of a gap by rounding [m or rad].
     kernels : KnownRows or None
         What evaluates many of them at once, if the system is one mechanism.
+    searched : KnownPairs or None
+        The pairs of shapes that kernels search, if they are of one family.
+    searched_pair : ndarray of int, shape (m,)
+        The pair that each row is among them, `NO_PAIR` or `UNKNOWN_ROW`.
     friction : ndarray, shape (len(constraints),), or None
         What is added to the coefficient of friction of each constraint.
 
@@ -113,8 +117,22 @@ class SmoothRows:
         self.kernels = known_rows(self._system, parts)
         self._pairs: dict[int, KnownPairs] = {}
         if self.kernels is not None:
-            tables = ((family, family.loop_tables()) for family, _ in self._parts)
-            self._pairs = {id(f): KnownPairs(self.kernels.mechanism, *each) for f, each in tables if each is not None}
+            for family, _ in self._parts:
+                if (tables := family.loop_tables()) is not None:
+                    bodies = family.bodies_of(np.arange(family.size))
+                    self._pairs[id(family)] = KnownPairs(self.kernels.mechanism, bodies, *tables)
+        self.searched, self.searched_pair = self._searched_pairs()
+
+    def _searched_pairs(self) -> tuple[KnownPairs | None, Array]:
+        """Return the pairs that kernels search, if they are of one family, and of each row its pair."""
+        found = [part for part in self._parts if id(part[0]) in self._pairs]
+        if self.kernels is None or len(found) != 1:
+            return None, np.full(len(self.all), UNKNOWN_ROW)
+        pair = np.where(self.kernels.known, NO_PAIR, UNKNOWN_ROW)
+        family, own = found[0]
+        pairs = self._pairs[id(family)]
+        pair[own] = np.where(pairs.known, np.arange(len(pairs.known)), pair[own])
+        return pairs, pair
 
     def with_features(self, q: Array, index: Array, kept: Array, tolerance: float) -> Array:
         """Return some rows that touch with those of features in place of their pairs, where they are known.

@@ -5,12 +5,61 @@ from __future__ import annotations
 import numpy as np
 
 from ....compiled import held, kernel, plain_array
-from ....constraints.mechanism.pairs import LEFT_TO_PYTHON, PairShapes, distance_of, place_bodies
+from ....constraints.mechanism.pairs import (
+    LEFT_TO_PYTHON,
+    PairShapes,
+    distance_of,
+    measured_in_closed_form,
+    place_bodies,
+)
 from ....geometry.closed_form.primitive_pairs import NONE
 from ....geometry.narrow.pair_contacts import write_contacts
 from ....geometry.shapes.shape_table import Shapes  # noqa: F401  (a signature names it)
 from ....system.mechanisms.mechanism import Mechanism, place
 from ....system.system import Array
+
+# in the place of a row's pair: a row that is none, and one that kernels do not know
+NO_PAIR, UNKNOWN_ROW = -1, -2
+
+
+@kernel("f8(Tuple(Shapes), PairShapes, i8, f8, f8[::1], f8[::1])")
+def nearest_contact(
+    tables: tuple[Array, ...], shapes: PairShapes, pair: int, near: float, point: Array, normal: Array
+) -> float:
+    """Write the nearest contact of a pair where its bodies are placed; return its gap, a lower bound if it is not near.
+
+    Point and normal, shapes (3,), are those of the distance; where that is a lower bound, they mean nothing.
+    """
+    if shapes.form[pair] != NONE:
+        shapes.closed[0] = pair
+        total, least = measured_in_closed_form(shapes.places, tables, shapes, 0.0, 1, 0), 0
+    else:
+        # the pair is then the chosen one
+        distance, chosen = distance_of(tables, shapes, pair, near), shapes.others[:1]
+        for c in range(3):
+            point[c], normal[c] = shapes.middle[0, c], shapes.normal[0, c]
+        if distance > 0.0:
+            return distance
+        # the normals of faces are more exact than those that were found
+        total, least = write_contacts(
+            shapes.places, tables, shapes.bound, shapes.flat, chosen, 0.0, shapes.distance, shapes.normal,
+            shapes.middle, shapes.state, shapes.owner, shapes.gap, shapes.point, shapes.normals,
+        ), 0  # fmt: skip
+    for j in range(1, total):
+        least = j if shapes.gap[j] < shapes.gap[least] else least
+    for c in range(3):
+        point[c], normal[c] = shapes.point[least, c], shapes.normals[least, c]
+    return shapes.gap[least]
+
+
+@kernel("void(Tuple(Shapes), PairShapes, i8[::1], f8, f8[::1])")
+def write_placed_distances(
+    tables: tuple[Array, ...], shapes: PairShapes, pairs: Array, near: float, distance: Array
+) -> None:
+    """Write what `write_distances` does where bodies are placed."""
+    point, normal = np.empty(3), np.empty(3)
+    for i in range(len(pairs)):
+        distance[i] = nearest_contact(tables, shapes, pairs[i], near, point, normal)
 
 
 @kernel("void(Mechanism, Tuple(Shapes), PairShapes, i8[::1], f8, f8[::1])")
@@ -19,19 +68,7 @@ def write_distances(
 ) -> None:  # fmt: skip
     """Write the distances of some pairs, or lower bounds if they are not near, where the mechanism is placed."""
     place_bodies(m, shapes)
-    chosen = shapes.others[:1]
-    for i in range(len(pairs)):
-        # the pair is then the chosen one
-        distance[i] = distance_of(tables, shapes, pairs[i], near)
-        if distance[i] > 0.0:
-            continue
-        # the normals of faces are more exact than those that were found
-        total = write_contacts(
-            shapes.places, tables, shapes.bound, shapes.flat, chosen, 0.0, shapes.distance, shapes.normal,
-            shapes.middle, shapes.state, shapes.owner, shapes.gap, shapes.point, shapes.normals,
-        )  # fmt: skip
-        for j in range(total):
-            distance[i] = shapes.gap[j] if j == 0 else min(distance[i], shapes.gap[j])
+    write_placed_distances(tables, shapes, pairs, near, distance)
 
 
 @kernel("void(Mechanism, Tuple(Shapes), PairShapes, i8[::1], f8, f8[::1], f8[::1])")
@@ -50,6 +87,8 @@ class KnownPairs:
     ----------
     mechanism : Mechanism
         What `held` returns of a record of its own.
+    bodies : tuple of ndarray
+        The first and the second body of each pair.
     tables, shapes
         What `ConstraintFamily.loop_tables` returns.
 
@@ -57,13 +96,17 @@ class KnownPairs:
     ----------
     tables, shapes
         The same, the second as `held` returns it.
+    bodies : ndarray of int, shape (2, n)
+        The same.
     known : ndarray of bool, shape (n,)
         Which pairs the kernels know.
     """
 
-    def __init__(self, mechanism: Mechanism, tables: tuple[Array, ...], shapes: PairShapes) -> None:
-        self._mechanism, self.tables = mechanism, tables
-        self.known = (shapes.form == NONE) & (shapes.mode != LEFT_TO_PYTHON)
+    def __init__(
+        self, mechanism: Mechanism, bodies: tuple[Array, Array], tables: tuple[Array, ...], shapes: PairShapes
+    ) -> None:
+        self._mechanism, self.tables, self.bodies = mechanism, tables, np.array(bodies)
+        self.known = np.full(len(shapes.form), shapes.mode != LEFT_TO_PYTHON)
         self.shapes: PairShapes = held(shapes)
 
     def distances(self, q: Array, pairs: Array, near: float) -> Array:

@@ -112,13 +112,15 @@ class KnownRows:
         The same.
     mechanism, parts
         The same, as `held` returns them.
+    room : RowRoom
+        Room.
     known, rims : ndarray of bool, shape (m,)
         Which rows kernels know, and which are rims on faces.
     """
 
     def __init__(self, system: ArticulatedSystem, mechanism: Mechanism, parts: RowParts) -> None:
         self.system, self.mechanism, self._nv = system, held(mechanism), len(mechanism.parent)
-        self._room, self._all = held(row_room()), unknown_parts(0)
+        self.room, self._all = held(row_room()), unknown_parts(0)
         self.add(parts)
 
     def add(self, parts: RowParts) -> None:
@@ -139,13 +141,13 @@ class KnownRows:
     def gradients(self, q: Array, index: Array) -> Array:
         """Return the gradients of some rows at q, shape (k, nv)."""
         J = np.empty((len(index), self._nv))
-        gradients_at(self.mechanism, self.parts, self._room, index, plain_array(q), J)
+        gradients_at(self.mechanism, self.parts, self.room, index, plain_array(q), J)
         return J
 
     def points(self, q: Array, index: Array) -> tuple[Array, Array]:
         """Return contact points and normals of some rows at q that are features without radii, shapes (k, 3)."""
         point, normal = np.empty((2, len(index), 3))
-        points_at(self.mechanism, self.parts, self._room, index, plain_array(q), point, normal)
+        points_at(self.mechanism, self.parts, self.room, index, plain_array(q), point, normal)
         return point, normal
 
     def slips(self, q: Array, v: Array, index: Array, mu: Array) -> tuple[Array, Array, Array]:
@@ -156,13 +158,13 @@ class KnownRows:
         T, bias, axes = (np.empty((len(index), 2, *last)) for last in ((self._nv,), (), (3,)))
         room = np.empty(self._nv)
         state = plain_array(q), plain_array(v)
-        slips_at(self.mechanism, self.parts, self._room, index, mu, *state, room, T, bias, axes)
+        slips_at(self.mechanism, self.parts, self.room, index, mu, *state, room, T, bias, axes)
         return T, bias, axes
 
     def biases(self, q: Array, v: Array, index: Array) -> Array:
         """Return (dJ/dt) v of some rows at q and v, shape (k,)."""
         J, bias = np.empty((len(index), self._nv)), np.empty(len(index))
-        biases_at(self.mechanism, self.parts, self._room, index, plain_array(q), plain_array(v), J, bias)
+        biases_at(self.mechanism, self.parts, self.room, index, plain_array(q), plain_array(v), J, bias)
         return bias
 
 
