@@ -20,6 +20,7 @@ from .round_features import (
     NEAR,
     SAME,
     Features,
+    cross_of,
     edges_through,
     ends_of,
     features_of_capsules,
@@ -274,7 +275,7 @@ def _crossing(
     for i, j in edges_through(first, level[0], point, normal, bound):
         for k, m in edges_through(second, level[1], point, normal, bound):
             d, e = first[j] - first[i], second[m] - second[k]
-            turn = float(np.cross(d, e) @ normal)
+            turn = float(cross_of(d, e) @ normal)
             if abs(turn) > CROSS * np.linalg.norm(d) * np.linalg.norm(e):
                 return (i, j), (k, m) if turn > 0.0 else (m, k)
     return None
