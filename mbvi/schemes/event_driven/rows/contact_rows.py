@@ -17,7 +17,7 @@ from ....constraints.tangents import Tangents
 from ....errors import UnsuitableError
 from ....system.free.sparse_rows import dense
 from ....system.lengths import velocity_units
-from .known_pairs import NO_PAIR, UNKNOWN_ROW, KnownPairs
+from .known_pairs import KnownPairs, searched_pairs
 from .known_rows import KnownRows, known_rows
 from .row_columns import SEARCHED, completed, extent, measured_by
 from .row_sets import union, without
@@ -121,18 +121,9 @@ class SmoothRows:
                 if (tables := family.loop_tables()) is not None:
                     bodies = family.bodies_of(np.arange(family.size))
                     self._pairs[id(family)] = KnownPairs(self.kernels.mechanism, bodies, *tables)
-        self.searched, self.searched_pair = self._searched_pairs()
-
-    def _searched_pairs(self) -> tuple[KnownPairs | None, Array]:
-        """Return the pairs that kernels search, if they are of one family, and of each row its pair."""
-        found = [part for part in self._parts if id(part[0]) in self._pairs]
-        if self.kernels is None or len(found) != 1:
-            return None, np.full(len(self.all), UNKNOWN_ROW)
-        pair = np.where(self.kernels.known, NO_PAIR, UNKNOWN_ROW)
-        family, own = found[0]
-        pairs = self._pairs[id(family)]
-        pair[own] = np.where(pairs.known, np.arange(len(pairs.known)), pair[own])
-        return pairs, pair
+        known = None if self.kernels is None else self.kernels.known
+        own = [(self._pairs[id(family)], rows) for family, rows in self._parts if id(family) in self._pairs]
+        self.searched, self.searched_pair = searched_pairs(known, own, start)
 
     def with_features(self, q: Array, index: Array, kept: Array, tolerance: float) -> Array:
         """Return some rows that touch with those of features in place of their pairs, where they are known.

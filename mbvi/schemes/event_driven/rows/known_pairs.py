@@ -114,3 +114,25 @@ class KnownPairs:
         found = np.empty(len(pairs))
         distances_at(self._mechanism, self.tables, self.shapes, pairs, near, plain_array(q), found)
         return found
+
+
+def searched_pairs(
+    known: Array | None, found: list[tuple[KnownPairs, slice]], count: int
+) -> tuple[KnownPairs | None, Array]:
+    """Return the pairs that kernels search, if they are of one family, and of each of `count` rows its pair.
+
+    Parameters
+    ----------
+    known : ndarray of bool, shape (count,), or None
+        Which rows kernels know that are no pairs.
+    found : list
+        The pairs of each family with the rows that they are.
+    count : int
+        How many rows there are.
+    """
+    if known is None or len(found) != 1:
+        return None, np.full(count, UNKNOWN_ROW)
+    pair = np.where(known, NO_PAIR, UNKNOWN_ROW)
+    (pairs, own), numbers = found[0], np.arange(len(found[0][0].known))
+    pair[own] = np.where(pairs.known, numbers, pair[own])
+    return pairs, pair
