@@ -8,7 +8,8 @@ import numpy as np
 
 from ..compiled import kernel
 from .admissible_set import AdmissibleSet
-from .rows import Array
+from .family import ConstraintFamily
+from .rows import Array, Rows
 
 
 class Place(NamedTuple):
@@ -45,6 +46,25 @@ def carried(constraints: AdmissibleSet, numbers: Array, point: Array, before: Pl
             found[:, begin:end] = some
         begin = end
     return found
+
+
+def carried_along(constraints: AdmissibleSet, rows: Rows, before: Place, after: Place) -> Rows:
+    """Return rows with their points where the first bodies have carried them; they stay where one body is the world.
+
+    So that what has the nearest points is the same for each observer in uniform motion. `before` is where the points
+    are.
+    """
+    order = rows.constraint.argsort(kind="stable")
+    numbers, point, begin = rows.constraint[order], rows.point.copy(), 0
+    moved = carried(constraints, numbers, point[order], before, after)[0]
+    for family, start, _ in constraints.numbered():
+        end = begin + int(numbers[begin:].searchsorted(start + family.size))
+        if end > begin and type(family).bodies_of is not ConstraintFamily.bodies_of and not family.moving:
+            at_rest = family.bodies_of(numbers[begin:end] - start)[1] == 0
+            moved[begin:end][at_rest] = point[order[begin:end][at_rest]]
+        begin = end
+    point[order] = moved
+    return rows._replace(point=point)
 
 
 @kernel("void(f8[:,::1], f8[:,:,:,::1], f8[:,:,:,::1], f8[:,:,::1])")

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..arguments import boolean
 from ..constraints import Rows
+from ..constraints.carried import Place, carried_along
 from ..constraints.rows import concatenate, match_contacts, points_going_on, take
 from ..problem import Problem
 from ..projection import Projector, in_flight
@@ -89,7 +90,8 @@ class Centered(Scheme):
             return with_tangent_velocity(system, flown, motion)
         change = half * ahead.speeds(v)
         # a scheme derived from this one may have changed e
-        active = _rows_in_the_middle(problem, t, middle, ahead, change)
+        along = carried_along(problem.constraints, ahead, Place(end, nearby.place), Place(t, middle))
+        active = _rows_in_the_middle(problem, t, middle, along, change)
         active = active._replace(restitution=ahead.restitution)
         bouncing = opened = None
         if self.project_positions:
@@ -153,7 +155,7 @@ def _rows_in_the_middle(problem: Problem, t: float, q: Array, ahead: Rows, chang
     t, q
         Time and configuration in the middle of the step.
     ahead : Rows
-        The rows that are active at its end.
+        The rows that are active at its end, with points that bodies have carried to the middle.
     change : ndarray, shape (k,)
         Change of their gaps from the middle to the end at the velocity before the step [m or rad].
     """

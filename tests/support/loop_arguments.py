@@ -505,6 +505,16 @@ def may_pass(rng, seed):
     return s._replace(v=scale * s.v), log, q, scale * v, h, 1e-9
 
 
+def carry_along(rng, seed):
+    s, *_ = _call("project_positions", DEFAULT, (swaying, struck, small_heap)[seed], ROUGH, 9)
+    return s, s.rows, rng.random(s.rows.size[0]) < 0.7, s.room.middle.copy(), s.room.end.copy()
+
+
+def carrier_of(rng, seed):
+    s = carry_along(rng, seed)[0]
+    return s.constraints, int(rng.integers(s.constraints.pairs.number.max(initial=20) + 1))
+
+
 def way_of(rng, seed):
     constraints, pair = clearance_of(rng, seed)
     return constraints.pairs, constraints.cache.travel[-1] + rng.random(), pair
@@ -665,6 +675,8 @@ LOOP_ARGUMENTS = {
     "may_pass": may_pass,
     "clearance_of": clearance_of,
     "way_of": way_of,
+    "carry_along": carry_along,
+    "carrier_of": carrier_of,
     "has_clearance": has_clearance,
     "add_ways": add_ways,
     "may_touch": may_touch,

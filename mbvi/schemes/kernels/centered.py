@@ -15,6 +15,7 @@ from ...system.free.spinning import remove_spin_effects
 from ...system.mechanisms.equalities import EACH_ITS_OWN, FIRST_FINDS
 from ...system.mechanisms.mechanism import evaluate_nonlinear_effects, glide, place, weigh
 from ...system.system import Array
+from ..positions.carried_kernel import carry_along
 from ..positions.displacement_kernel import independent_groups
 from ..positions.nearby_kernel import search_nearby
 from ..positions.settle_kernel import glide_to_end, project_positions, take_velocity_of_end
@@ -60,6 +61,8 @@ def rows_in_the_middle(s: MechanismStep, middle: Array, change: Array) -> int:
     code = active_rows(s.mechanism, s.constraints, middle[:0], s.room.moved, middle, reach, here)
     if code != FOUND:
         return code
+    # the same is nearest for each observer in uniform motion
+    carry_along(s, rows, np.ones(m, np.bool_), s.room.end, middle)
     n, owner, order = here.size[0], s.room.owner[:m], s.room.order[: here.size[0]]
     for b in range(n):
         # rows are found in the order of their numbers

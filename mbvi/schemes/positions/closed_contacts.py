@@ -8,6 +8,7 @@ import numpy as np
 from scipy.sparse import csr_array, diags_array
 
 from ...constraints import Rows
+from ...constraints.carried import Place, carried_along
 from ...constraints.rows import match_contacts
 from ...problem import Problem
 from ...projection import FreeMotion, Metric, TreeFreeMotion
@@ -78,6 +79,7 @@ def closed_contacts(problem: Problem, applied: Applied, step: Step) -> Array:
         place = problem.system.integrate(applied.q, h * step.v)
         # the lowest gap of each contact after a whole step at the velocity after the law
         ahead = problem.constraints.active(applied.t + h, place, problem.tolerance)
+        rows = carried_along(problem.constraints, rows, Place(applied.t, applied.q), Place(applied.t + h, place))
         owner, lowest = match_contacts(ahead, rows), np.full(len(rise), np.inf)
         # not another contact of the same pair, such as the edge of a box that sinks while the other rises
         apart = np.linalg.norm(ahead.point - rows.point[owner], axis=1)

@@ -13,6 +13,7 @@ from ...projection.tree import solve
 from ...system.mechanisms.mechanism import carry
 from ...system.system import Array
 from ..kernels.records import MechanismStep
+from .carried_kernel import carry_along
 from .closed_contacts import INDEPENDENT, SAME_CONTACT
 from .nearby_kernel import copy_of, copy_rows, match_rows
 
@@ -64,6 +65,7 @@ def close_what_returns(s: MechanismStep, h: float, closed: Array) -> int:
     """
     rows, k, ahead, tolerance = s.rows, s.rows.size[0], s.middle, s.scales.tolerance
     drift, place, lowest, kept = np.empty(len(s.v)), np.empty(len(s.q)), np.empty(k), copy_of(ahead)
+    here = copy_of(rows)
     for j in range(len(drift)):
         drift[j] = h * s.v[j]
     carry(s.mechanism, s.room.middle, drift, place)
@@ -71,13 +73,14 @@ def close_what_returns(s: MechanismStep, h: float, closed: Array) -> int:
     if code == FOUND:
         m = ahead.size[0]
         owner = np.empty(m, np.int64)
-        match_rows(ahead, rows, owner)
+        carry_along(s, here, np.ones(k, np.bool_), s.room.middle, place)
+        match_rows(ahead, here, owner)
         for a in range(k):
             lowest[a] = np.inf
         for i in range(m):
             a, apart = owner[i], 0.0
             for c in range(3):
-                apart += (ahead.point[i, c] - rows.point[a, c]) ** 2
+                apart += (ahead.point[i, c] - here.point[a, c]) ** 2
             # not another contact of the same pair, such as the edge of a box that sinks while the other rises; joint
             # limits have no place
             if a >= 0 and not np.sqrt(apart) > SAME_CONTACT * s.scales.length:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...constraints import Rows
+from ...constraints.carried import Place, carried_along
 from ...constraints.rows import concatenate, match_contacts, renewed, take
 from ...errors import ProjectionError
 from ...problem import Problem
@@ -68,10 +69,10 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
     count = len(step.active.gap)
     slack = np.zeros(count) if applied.opened is None else applied.opened
     # the rows of the law as they are at the end of the step
-    marks, bounces = step.active, np.ones(count, bool)
+    marks, bounces = _at_the_end(problem, applied, step), np.ones(count, bool)
     if applied.ahead is not None and applied.bouncing is not None:
         bounces = largest_of_parts(applied.ahead.jacobian, part, applied.bouncing) > 0.0
-        marks = _chosen(bounces, step.active, applied.ahead)
+        marks = _chosen(bounces, marks, applied.ahead)
     for _ in range(MOST_LINEARISATIONS):
         rows, closed = step.active, closed_contacts(problem, applied, step)
         if not bears_or_sinks(problem, step, drift):
@@ -87,7 +88,7 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
         floor = np.where(sunk, 0.0, np.minimum(before.gap, 0.0))
         if not (lengths[sunk] < -problem.tolerance).any():
             break
-        end = advance_gaps(step, drift).active
+        end = _at_the_end(problem, applied, advance_gaps(step, drift))
         if bounces.all():
             marks = end
         else:
@@ -125,7 +126,9 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
         marks = concatenate([marks, joined])
         bouncing = applied.bouncing if applied.bouncing is not None else np.ones(part[-1] + 1)
         bounces = np.concatenate([bounces, largest_of_parts(joined.jacobian, part, bouncing) > 0.0])
-        rows = concatenate([rows, with_gradients_at(problem, applied.t, applied.q, joined)])
+        here = Place(applied.t, applied.q)
+        there = carried_along(problem.constraints, joined, Place(step.t, nearby.place), here) if drift else joined
+        rows = concatenate([rows, with_gradients_at(problem, *here, there)])
         # a row that was open where the law acts may close by the end of the step: otherwise it would bear load there
         opened = np.zeros(len(joined.gap))
         if drift:
@@ -145,6 +148,16 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
         if drift:
             step = step._replace(q=applied.end(system, step.v, drift)[0])
     return _at_end(problem, applied, step)
+
+
+def _at_the_end(problem: Problem, applied: Applied, step: Step) -> Rows:
+    """Return the rows of the law with points that bodies have carried to the end of the step."""
+    here = Place(applied.t, applied.q)
+    return (
+        carried_along(problem.constraints, step.active, here, Place(step.t, step.q))
+        if step.t > applied.t
+        else step.active
+    )
 
 
 def _chosen(some: Array, rows: Rows, others: Rows) -> Rows:

@@ -17,6 +17,7 @@ from ...system.system import Array
 from ..kernels.phases import write_rates_at
 from ..kernels.records import DONE, MechanismStep
 from .bounds_kernel import apply_bounds
+from .carried_kernel import carry_along
 from .closed_kernel import bears_or_sinks, closed_contacts
 from .corrections import correct_displaced, correct_turn
 from .displacement_kernel import IMPOSSIBLE, Sunk, raise_sunk
@@ -109,9 +110,10 @@ def mark_rows(s: MechanismStep, half: float) -> None:
     `half` is the time from the law to there [s].
     """
     rows, marks, known, k, m = s.rows, s.middle, s.ahead, s.rows.size[0], s.ahead.size[0]
-    owner, every = np.empty(m, np.int64), True
+    owner, bounces, every = np.empty(m, np.int64), np.empty(k, np.bool_), True
     for i in range(k):
-        if may_bounce(s, rows, i):
+        bounces[i] = may_bounce(s, rows, i)
+        if bounces[i]:
             marks.size[0] = i
             copy_row(rows, i, marks)
         else:
@@ -119,6 +121,7 @@ def mark_rows(s: MechanismStep, half: float) -> None:
         # what is not found there has the gap that the law leads to
         marks.gap[i] = rows.gap[i] + half * s.rates[2 * k + i]
     marks.size[0] = k
+    carry_along(s, marks, bounces, s.room.middle, s.q)
     if every:
         return
     known_gaps(s, s.q)
@@ -164,6 +167,9 @@ def join_law(
             gap = near.gap[a] - half * inner(near.J[a], s.v) - inner(near.J[a], moved)
             slack[i] = max(gap, 0.0) / half
             rows.gap[i] = half * slack[i]
+    joined = np.ones(rows.size[0], np.bool_)
+    joined[:k] = False
+    carry_along(s, rows, joined, s.room.end, s.room.middle)
     if len(s.bodies.mass) > 0:
         place(s.mechanism, s.room.middle)
         for i in range(k, rows.size[0]):
