@@ -16,9 +16,10 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from types import CodeType
+from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
-_LOADS = {"LOAD_GLOBAL", "LOAD_NAME", "LOAD_ATTR", "LOAD_METHOD"}
+_GLOBALS, _ATTRIBUTES = {"LOAD_GLOBAL", "LOAD_NAME"}, {"LOAD_ATTR", "LOAD_METHOD"}
 
 
 def main() -> None:
@@ -55,15 +56,32 @@ def called_kernels() -> list:
     from mbvi.run.loop.step_loop import LOOPS
 
     kernels = all_kernels()
+    modules = {getattr(one, "__file__", None): vars(one) for one in list(sys.modules.values())}
     own = {(item.loops.__code__.co_filename, item.loops.__code__.co_firstlineno) for item in kernels}
-    named: set[str] = set()
+    named: set[int] = set()
     for file in {item.loops.__code__.co_filename for item in kernels}.union(map(str, (ROOT / "mbvi").rglob("*.py"))):
         for code in _codes(compile(Path(file).read_text(), file, "exec"), own):
-            named.update(each.argval for each in dis.get_instructions(code) if each.opname in _LOADS)
+            named.update(_named_in(code, modules.get(file), kernels))
     below = {id(other) for item in kernels for other in item.callees().values()}
-    called = [item for item in kernels if item.__name__ in named or id(item) not in below or item.apart]
+    called = [item for item in kernels if id(item) in named or id(item) not in below or item.apart]
     # a scheme names its step to choose the loop that has it inside
     return [item for item in called if item not in LOOPS]
+
+
+def _named_in(code: CodeType, module: dict[str, Any] | None, kernels: list) -> Iterator[int]:
+    """Yield the kernels that a code may name; `module` has the globals of its module, None if it is not imported.
+
+    Functions of Python may have the name of a kernel. Of attributes it is not known what they are.
+    """
+    names, found = set(), set()
+    for each in dis.get_instructions(code):
+        if each.opname in _GLOBALS and module is not None:
+            found.add(id(module.get(each.argval)))
+        elif each.opname in _GLOBALS | _ATTRIBUTES:
+            names.add(each.argval)
+    for item in kernels:
+        if id(item) in found or item.__name__ in names:
+            yield id(item)
 
 
 def _codes(code: CodeType, without: set[tuple[str, int]]) -> Iterator[CodeType]:
