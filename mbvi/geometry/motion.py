@@ -5,7 +5,7 @@ Pass a motion as `scene.add_...(..., motion=...)`. Any object with `pose(t)` and
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
@@ -177,31 +177,6 @@ def checked_motion(motion: Motion | None) -> Motion | None:
     if not np.abs(measured - expected).max() <= 1e-3 * (1.0 + np.abs(expected).max()):
         raise InputError("motion: twist(t) is not the velocity of pose(t), or one of them is not finite")
     return motion
-
-
-def each_once(motions: Iterable[Motion | None]) -> list[Motion]:
-    """Return motions in their order, without None and those that are the same as one before."""
-    found = dict[object, Motion]()
-    for motion in motions:
-        if motion is not None:
-            found.setdefault(_what(motion), motion)
-    return list(found.values())
-
-
-def numbered(motions: Iterable[Motion | None]) -> Array:
-    """Return a number for each motion, the same for those that are the same."""
-    seen = dict[object, int]()
-    return np.array([seen.setdefault(_what(motion), len(seen)) for motion in motions], dtype=np.int64)
-
-
-def same(one: Motion | None, other: Motion | None) -> bool:
-    """Return whether two walls move together: by one object, or by motions of this module with equal parameters."""
-    return _what(one) == _what(other)
-
-
-def _what(motion: Motion | None) -> object:
-    # objects of users are the same only where they are one object: what they depend on is not known
-    return motion if type(motion) in (Translation, Oscillation, Rotation) else id(motion)
 
 
 def _pair(given: tuple[Array, Array], shape: tuple[int, ...]) -> tuple[Array, Array]:

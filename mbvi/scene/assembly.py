@@ -23,7 +23,7 @@ from ..constraints import (
     SphereWalls,
 )
 from ..errors import InputError, MbviError
-from ..geometry.motion import each_once, same
+from ..geometry.same_motions import each_once, same
 from ..geometry.shapes.shape_table import ShapeTable, indexed
 from ..geometry.shapes.shapes import Array, Box, Capsule, HalfSpace, PlacedShape, Sphere
 from ..problem import Problem

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ..constraints import ConstraintFamily
-from ..geometry.motion import Motion, each_once
+from ..geometry.motion import Motion
+from ..geometry.same_motions import each_once
 from ..geometry.shapes.picture import Placed, picture
 from ..geometry.shapes.shapes import Array, HalfSpace, PlacedShape
 from ..system import System, parts_of

@@ -14,7 +14,7 @@ import numpy as np
 
 from ...arguments import Array
 from ..meshes.triangles import Surface
-from ..motion import same
+from ..same_motions import same
 from .polyhedra import Polyhedron
 from .seams import TOUCHING
 from .shapes import PlacedShape

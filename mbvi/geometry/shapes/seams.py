@@ -15,7 +15,7 @@ import numpy as np
 
 from ...arguments import Array
 from ...compiled import kernel, record
-from ..motion import numbered
+from ..same_motions import numbered
 from .polyhedra import Polyhedron
 from .shapes import PlacedShape
 
