@@ -163,7 +163,7 @@ class Kernel:
     def _allocates(self) -> bool:
         """Return whether the kernel makes arrays, or calls a kernel that returns some."""
         others = self.callees().values()
-        makes = not _ALLOCATING.isdisjoint(self.loops.__code__.co_names)
+        makes = not ALLOCATING.isdisjoint(self.loops.__code__.co_names)
         return makes or any(not _RETURNS_NUMBERS.match(other.signature) for other in others)
 
     def _compilable(self) -> Any:
@@ -298,8 +298,9 @@ def _all_made(makers: list[Callable[[bool], Any]], wait: bool) -> bool:
 
 
 _WORD = re.compile(r"[A-Za-z_]\w*")
-# names of numpy that make arrays in kernels; with others compiling fails. Results of kernels that are no arrays
-_ALLOCATING = frozenset({"arange", "copy", "empty", "full", "zeros"})
+# names of numpy that make arrays in kernels; with others compiling fails, unless a kernel before has compiled them.
+# Results of kernels that are no arrays
+ALLOCATING = frozenset({"arange", "copy", "empty", "full", "ones", "zeros"})
 _RETURNS_NUMBERS = re.compile(r"(void|[a-z]\d|Tuple\(\([a-z\d, ]*\)\)|UniTuple\([a-z]\d, \d\))\(")
 _CONSTANTS = (bool, int, float, str, tuple, np.generic, np.ndarray)
 

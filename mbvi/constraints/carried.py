@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 
-from ..compiled import kernel
+from ..compiled import kernel, plain_array
 from .admissible_set import AdmissibleSet
 from .family import ConstraintFamily
 from .rows import Array, Rows
@@ -33,60 +34,62 @@ def carried(constraints: AdmissibleSet, numbers: Array, point: Array, before: Pl
     before, after : Place
         From where to where the bodies move.
     """
-    found, begin = np.array([point, point]), 0
-    for family, start, _ in constraints.numbered():
-        end = begin + int(numbers[begin:].searchsorted(start + family.size))
-        if end == begin:
-            continue
-        own = numbers[begin:end] - start
+    found = np.array([point, point])
+    for family, part, own in _by_family(constraints, numbers):
         old, new = (family.poses_of(own, *place) for place in (before, after))
         if old is not None and new is not None:
-            some = np.empty((2, end - begin, 3))
-            carry_points(point[begin:end], old, new, some)
-            found[:, begin:end] = some
-        begin = end
+            for side in range(2):
+                carry_points(point[part], old[side], new[side], found[side, part])
     return found
 
 
 def carried_along(constraints: AdmissibleSet, rows: Rows, before: Place, after: Place) -> Rows:
     """Return rows with their points where the first bodies have carried them; they stay where one body is the world.
 
-    So that what has the nearest points is the same for each observer in uniform motion. `before` is where the points
-    are.
+    What has the nearest points then is the same for each observer in uniform motion. `before` is where the points are.
     """
     order = rows.constraint.argsort(kind="stable")
-    numbers, point, begin = rows.constraint[order], rows.point.copy(), 0
-    moved = carried(constraints, numbers, point[order], before, after)[0]
-    for family, start, _ in constraints.numbered():
-        end = begin + int(numbers[begin:].searchsorted(start + family.size))
-        if end > begin and type(family).bodies_of is not ConstraintFamily.bodies_of and not family.moving:
-            at_rest = family.bodies_of(numbers[begin:end] - start)[1] == 0
-            moved[begin:end][at_rest] = point[order[begin:end][at_rest]]
-        begin = end
+    point, at = rows.point.copy(), plain_array(rows.point[order])
+    moved = carried(constraints, rows.constraint[order], at, before, after)[0]
+    for family, part, own in _by_family(constraints, rows.constraint[order]):
+        # of walls that move the first body is the wall, which is no body of the world
+        if type(family).bodies_of is not ConstraintFamily.bodies_of and not family.moving:
+            at_rest = family.bodies_of(own)[1] == 0
+            moved[part][at_rest] = at[part][at_rest]
     point[order] = moved
     return rows._replace(point=point)
 
 
-@kernel("void(f8[:,::1], f8[:,:,:,::1], f8[:,:,:,::1], f8[:,:,::1])")
+def _by_family(constraints: AdmissibleSet, numbers: Array) -> Iterator[tuple[ConstraintFamily, slice, Array]]:
+    """Yield the families of some constraints, ascending, where these stand, and their numbers in the family."""
+    begin = 0
+    for family, start, _ in constraints.numbered():
+        end = begin + int(numbers[begin:].searchsorted(start + family.size))
+        if end > begin:
+            yield family, slice(begin, end), numbers[begin:end] - start
+        begin = end
+
+
+@kernel("void(f8[:,::1], f8[:,:,::1], f8[:,:,::1], f8[:,::1])")
 def carry_points(point: Array, old: Array, new: Array, found: Array) -> None:
-    """Write where both bodies of contacts carry their points.
+    """Write where bodies carry points.
 
     Parameters
     ----------
     point : ndarray, shape (k, 3)
-        Contact points [m].
-    old, new : ndarray, shape (2, k, 4, 3)
-        Poses of the first and of the second bodies; see `System.placements`.
-    found : ndarray, shape (2, k, 3)
-        Receives the points [m].
+        Points [m].
+    old, new : ndarray, shape (k, 4, 3)
+        Poses of their bodies; see `System.placements`.
+    found : ndarray, shape (k, 3)
+        Receives the points [m]; it may be `point`.
     """
-    for side in range(2):
-        for k in range(len(point)):
+    local = np.empty(3)
+    for k in range(len(point)):
+        for axis in range(3):
+            local[axis] = 0.0
             for c in range(3):
-                found[side, k, c] = new[side, k, 3, c]
+                local[axis] += old[k, axis, c] * (point[k, c] - old[k, 3, c])
+        for c in range(3):
+            found[k, c] = new[k, 3, c]
             for axis in range(3):
-                along = 0.0
-                for c in range(3):
-                    along += old[side, k, axis, c] * (point[k, c] - old[side, k, 3, c])
-                for c in range(3):
-                    found[side, k, c] += along * new[side, k, axis, c]
+                found[k, c] += local[axis] * new[k, axis, c]

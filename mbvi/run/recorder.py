@@ -284,7 +284,7 @@ class Recorder:
             far += changes + h * float(np.abs(last.before).max(initial=0.0))
         count, energy = choose(rates, rows, far + travel)
         if travel > 0.0 and last is not None:
-            # poses are asked for only where it matters how far bodies have carried the points
+            # poses are computed only where it matters how far bodies have carried the points
             nearest = candidates.copy()
             count, energy = choose(rates, rows if travel < far else NO_LAST_ROWS, far - travel)
             if not np.array_equal(candidates, nearest):

@@ -138,9 +138,8 @@ class _ConstraintBuilder:
         `single` are the shapes that meet walls and shapes one by one, of all that are moving.
         """
         fixed, bulk = [s for s in self.shapes if not s.body], len(single) < len(moving)
-        given = [wall.motion for wall in self.walls.values()]
-        given += [item.motion for item in self.items.surfaces] + [shape.motion for shape in fixed]
-        for motion in each_once(given):
+        items: list[Any] = [*self.walls.values(), *self.items.surfaces, *fixed]
+        for motion in each_once(item.motion for item in items):
             seen: Any = MovingFrame(system, motion, self._where_spheres(system))
             walls = {name: wall for name, wall in self.walls.items() if same(wall.motion, motion)}
             shapes = [s for s in fixed if same(s.motion, motion)]

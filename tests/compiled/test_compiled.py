@@ -2,6 +2,7 @@
 
 import copy
 import ctypes
+import dis
 import pickle
 import resource
 import sys
@@ -15,6 +16,7 @@ import pytest
 import mbvi
 from mbvi.compiled import KERNELS as ALL_KERNELS
 from mbvi.compiled import Kernel, all_kernels, call_address, calling_others, held, record, record_at
+from mbvi.compiled.kernels import ALLOCATING
 from mbvi.constraints import HalfSpaceContacts
 from mbvi.projection import Projector
 from support.kernel_arguments import ARGUMENTS, IF_ACCEPTED, accepted, arguments, equal, seeds, specified
@@ -37,6 +39,24 @@ def test_every_kernel_is_compared():
 def plain_form(item):
     """A numpy form of the same where there is one, else the kernel's own loops run by the interpreter."""
     return PLAIN.get(item.__name__, item.loops)
+
+
+# what kernels take from numpy that makes no array
+NUMBERS = {
+    "arccos", "arctan2", "bool_", "copysign", "cos", "float64", "floor", "inf", "int32", "int64", "isnan", "nan", "pi",
+    "rint", "round", "searchsorted", "sign", "sin", "sqrt", "tan", "uint32",
+}  # fmt: skip
+
+
+def test_of_what_kernels_take_from_numpy_it_is_known_whether_it_makes_arrays():
+    taken = set()
+    for item in KERNELS:
+        last = None
+        for each in dis.get_instructions(item.loops.__code__):
+            if last == "np" and each.opname in ("LOAD_ATTR", "LOAD_METHOD"):
+                taken.add(each.argval)
+            last = each.argval if each.opname == "LOAD_GLOBAL" else None
+    assert "empty" in taken and taken <= ALLOCATING | NUMBERS
 
 
 @pytest.mark.parametrize("item", KERNELS, ids=lambda item: item.__name__)

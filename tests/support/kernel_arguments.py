@@ -610,7 +610,7 @@ def note(rng):
 
 def carried_points(rng):
     m = int(rng.integers(0, 5))
-    return rng.normal(size=(m, 3)), *rng.normal(size=(2, 2, m, 4, 3)), np.empty((2, m, 3))
+    return rng.normal(size=(m, 3)), *rng.normal(size=(2, m, 4, 3)), np.empty((m, 3))
 
 
 def struck(rng):

@@ -144,8 +144,7 @@ def arrays_of(value, path=()):
     elif isinstance(value, tuple):
         names = getattr(value, "_fields", [""] * len(value))
         for k, (name, part) in enumerate(zip(names, value, strict=True)):
-            # midpoints of pairs that are not near are not written
-            if name not in ("calls", "address", "meshes", "out", "found", "middle"):
+            if name not in ("calls", "address", "meshes", "out", "found"):
                 yield from arrays_of(part, (*path, k))
 
 

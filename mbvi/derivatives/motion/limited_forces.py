@@ -92,7 +92,7 @@ class LimitedForces:
                 raise SensitivityError(
                     "a spring or an actuator stays at its limit, neither above nor below", step.t, (self._name,)
                 )
-            # a polynomial that is far from zero everywhere is not asked for its roots
+            # a polynomial whose first coefficient exceeds the sum of the others has no root
             coefficients = _FITTED @ off
             if abs(coefficients[0]) <= np.abs(coefficients[1:]).sum():
                 roots = chebroots(coefficients)

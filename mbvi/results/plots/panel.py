@@ -16,6 +16,8 @@ _CELLS = 400, 120
 _DECADES = 1e-8
 # longest name in a legend
 _LONGEST = 34
+# of curves; on a dark page it is the colour of text
+BLACK = "#222222"
 
 
 class Curve(NamedTuple):
@@ -37,7 +39,7 @@ class Curve(NamedTuple):
     t: Array
     y: Array
     style: str = "line"
-    color: str = "#333333"
+    color: str = BLACK
 
 
 class Level(NamedTuple):

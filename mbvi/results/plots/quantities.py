@@ -11,14 +11,14 @@ import numpy as np
 from ...arguments import watched
 from ..diagnosis.energies import energies, energies_of_run
 from ..summary import limit_unit, regimes
-from .panel import Array, Curve, Level, Panel, thinned
+from .panel import BLACK, Array, Curve, Level, Panel, thinned
 
 if TYPE_CHECKING:
     from ..diagnosis.diagnosis import Diagnosis
     from ..run_data import RunData
 
 BLUE, ORANGE, GREEN, RED, PURPLE = "#0072b2", "#e69f00", "#009e73", "#d55e00", "#8f5aa8"
-BLACK, GREY = "#222222", "#999999"
+GREY = "#999999"
 _COLORS = (BLUE, ORANGE, GREEN, PURPLE, "#56b4e9")
 # most gaps with a curve of their own, and constraints among which they are chosen
 _MOST_GAPS, _MOST_NAMED = 5, 2000

@@ -280,9 +280,6 @@ function follow() {
     requestAnimationFrame(follow);
 }
 
-// black curves have the colour of text, which is light on a dark page
-for (const panel of data.panels)
-    for (const curve of panel.curves) if (curve.color === "#222222" || curve.color === "#333333") curve.color = "currentColor";
 for (const panel of data.panels) charts.push(new Chart(panel, document.getElementById("charts")));
 setView(data.start, data.end);
 new ResizeObserver(() => setView(...view)).observe(document.getElementById("charts"));

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...errors import InputError, TrajectoryFileError
-from ..plots.panel import Panel
+from ..plots.panel import BLACK, Panel
 from ..plots.quantities import Omitted, panels
 from ..summary import summary
 from .sections import diagnosis_section, impact_section, model_section, rerun_section, version_section
@@ -126,13 +126,21 @@ def _omitted(omitted: Sequence[Omitted]) -> str:
     return f'<p class="hint">Not shown: {"; ".join(lines)}.</p>'
 
 
+def _shown(color: str) -> str:
+    """Return the colour of a curve; a black one has that of text, which is light on a dark page."""
+    return "currentColor" if color == BLACK else color
+
+
 def _data(run: RunData, shown: Sequence[Panel]) -> str:
     """Return the plots as JSON that may stand in a page; numbers have seven digits."""
     made = [
         {
             **panel._asdict(),
             "levels": [level._asdict() for level in panel.levels],
-            "curves": [{**curve._asdict(), "t": _rounded(curve.t), "y": _rounded(curve.y)} for curve in panel.curves],
+            "curves": [
+                {**curve._asdict(), "color": _shown(curve.color), "t": _rounded(curve.t), "y": _rounded(curve.y)}
+                for curve in panel.curves
+            ],
         }
         for panel in shown
     ]

@@ -316,7 +316,7 @@ class EventDrivenIntegrator(MotionState):
             share -= gap / rate / step.h
         cut = step.cut(self.system, share)
         if self._stop is None and not self.observed.active:
-            # nothing asks for the acceleration at an event, after which others act
+            # the acceleration at an event is not needed: other forces act after it
             return cut
         return cut._replace(a=self.flow.acceleration(cut.t + cut.h, cut.q, cut.v, self.closed))
 

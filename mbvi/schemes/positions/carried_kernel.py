@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...compiled import kernel
+from ...constraints.carried import carry_points
 from ...constraints.mechanism.rows import MechanismConstraints
 from ...constraints.mechanism.tables import BALLS, PAIRS, RowBuffer
 from ...system.mechanisms.mechanism import place
@@ -40,24 +41,21 @@ def carry_along(s: MechanismStep, rows: RowBuffer, some: Array, before: Array, a
     before, after : ndarray, shape (nq,)
         Where the points are, and where they are wanted.
     """
-    m, carried = rows.size[0], False
-    body, local = np.zeros(m, np.int64), np.empty((m, 3))
+    m, poses, carried = rows.size[0], s.mechanism.poses, False
+    body = np.zeros(m, np.int64)
     for a in range(m):
         body[a] = carrier_of(s.constraints, rows.number[a]) if some[a] else 0
         carried = carried or body[a] > 0
     if not carried:
         return
     place(s.mechanism, before)
+    old = np.empty((m, 4, 3))
     for a in range(m):
-        pose = s.mechanism.poses[body[a]]
-        for axis in range(3 if body[a] > 0 else 0):
-            local[a, axis] = 0.0
+        for r in range(4):
             for c in range(3):
-                local[a, axis] += pose[axis, c] * (rows.point[a, c] - pose[3, c])
+                old[a, r, c] = poses[body[a], r, c]
     place(s.mechanism, after)
     for a in range(m):
-        pose = s.mechanism.poses[body[a]]
-        for c in range(3 if body[a] > 0 else 0):
-            rows.point[a, c] = pose[3, c]
-            for axis in range(3):
-                rows.point[a, c] += local[a, axis] * pose[axis, c]
+        if body[a] > 0:
+            point = rows.point[a : a + 1]
+            carry_points(point, old[a : a + 1], poses[body[a] : body[a] + 1], point)

@@ -69,10 +69,10 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
     count = len(step.active.gap)
     slack = np.zeros(count) if applied.opened is None else applied.opened
     # the rows of the law as they are at the end of the step
-    marks, bounces = _at_the_end(problem, applied, step), np.ones(count, bool)
+    marks, bounces = step.active, np.ones(count, bool)
     if applied.ahead is not None and applied.bouncing is not None:
         bounces = largest_of_parts(applied.ahead.jacobian, part, applied.bouncing) > 0.0
-        marks = _chosen(bounces, marks, applied.ahead)
+        marks = _chosen(bounces, _at_the_end(problem, applied, step, bounces), applied.ahead)
     for _ in range(MOST_LINEARISATIONS):
         rows, closed = step.active, closed_contacts(problem, applied, step)
         if not bears_or_sinks(problem, step, drift):
@@ -88,7 +88,7 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
         floor = np.where(sunk, 0.0, np.minimum(before.gap, 0.0))
         if not (lengths[sunk] < -problem.tolerance).any():
             break
-        end = _at_the_end(problem, applied, advance_gaps(step, drift))
+        end = _at_the_end(problem, applied, advance_gaps(step, drift), bounces)
         if bounces.all():
             marks = end
         else:
@@ -150,14 +150,12 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
     return _at_end(problem, applied, step)
 
 
-def _at_the_end(problem: Problem, applied: Applied, step: Step) -> Rows:
-    """Return the rows of the law with points that bodies have carried to the end of the step."""
-    here = Place(applied.t, applied.q)
-    return (
-        carried_along(problem.constraints, step.active, here, Place(step.t, step.q))
-        if step.t > applied.t
-        else step.active
-    )
+def _at_the_end(problem: Problem, applied: Applied, step: Step, some: Array) -> Rows:
+    """Return the rows of the law; if `some` of them, shape (k,), are meant, with points carried to the step's end."""
+    if step.t == applied.t or not some.any():
+        return step.active
+    here, end = Place(applied.t, applied.q), Place(step.t, step.q)
+    return carried_along(problem.constraints, step.active, here, end)
 
 
 def _chosen(some: Array, rows: Rows, others: Rows) -> Rows:

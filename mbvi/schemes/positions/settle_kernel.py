@@ -110,19 +110,17 @@ def mark_rows(s: MechanismStep, half: float) -> None:
     `half` is the time from the law to there [s].
     """
     rows, marks, known, k, m = s.rows, s.middle, s.ahead, s.rows.size[0], s.ahead.size[0]
-    owner, bounces, every = np.empty(m, np.int64), np.empty(k, np.bool_), True
+    owner, bounces = np.empty(m, np.int64), np.empty(k, np.bool_)
     for i in range(k):
         bounces[i] = may_bounce(s, rows, i)
         if bounces[i]:
             marks.size[0] = i
             copy_row(rows, i, marks)
-        else:
-            every = False
         # what is not found there has the gap that the law leads to
         marks.gap[i] = rows.gap[i] + half * s.rates[2 * k + i]
     marks.size[0] = k
     carry_along(s, marks, bounces, s.room.middle, s.q)
-    if every:
+    if bounces.all():
         return
     known_gaps(s, s.q)
     match_rows(known, marks, owner)
@@ -167,9 +165,7 @@ def join_law(
             gap = near.gap[a] - half * inner(near.J[a], s.v) - inner(near.J[a], moved)
             slack[i] = max(gap, 0.0) / half
             rows.gap[i] = half * slack[i]
-    joined = np.ones(rows.size[0], np.bool_)
-    joined[:k] = False
-    carry_along(s, rows, joined, s.room.end, s.room.middle)
+    carry_along(s, rows, np.arange(rows.size[0]) >= k, s.room.end, s.room.middle)
     if len(s.bodies.mass) > 0:
         place(s.mechanism, s.room.middle)
         for i in range(k, rows.size[0]):
