@@ -10,7 +10,7 @@ from mbvi_studies.published_robots import published_robot
 from support.robot_problems import problem_of
 
 TOLERANCE = 1e-6
-# of the runs [s]: later rounding has grown
+# of the runs [s]: later a start that differs by 1e-14 has grown to 1e-8, and so has the rounding of both
 DURATION = {"quadruped": 0.2, "biped": 0.2, "panda": 0.4}
 
 
@@ -43,5 +43,5 @@ def test_kernels_find_the_impacts_that_python_finds(name, kind, e):
     assert len(found) == len(expected) > 2
     for one, other in zip(found, expected, strict=True):
         np.testing.assert_array_equal(one.number, other.number)
-        np.testing.assert_allclose(one.t, other.t, rtol=0, atol=1e-2 * TOLERANCE)
-        np.testing.assert_allclose(one.q, other.q, rtol=0, atol=1e-2 * TOLERANCE)
+        np.testing.assert_allclose(one.t, other.t, rtol=0, atol=1e-3 * TOLERANCE)
+        np.testing.assert_allclose(one.q, other.q, rtol=0, atol=1e-3 * TOLERANCE)
