@@ -15,7 +15,7 @@ import numpy as np
 
 import mbvi
 from mbvi.reference import ROUGH, Reference, references
-from mbvi.system.lengths import velocity_units
+from mbvi.system.parts import velocity_units
 
 TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5)
 # parts of the duration after which runs start

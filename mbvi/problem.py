@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from html import escape
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
@@ -15,80 +15,17 @@ from .arguments import LARGEST, Array, boolean, finite, positive, shown, vector
 from .arguments import friction as checked_friction
 from .arguments import restitution as checked_restitution
 from .constraints import AdmissibleSet, Constraint, ConstraintFamily
-from .constraints.families.given import checked_constraints
 from .errors import DivergedError, InadmissibleStartError, InputError
 from .system import ArticulatedSystem, System, checked_system, parts_of
 from .system.actuators import Actuators, DrivenActuators, Inputs
 from .system.free.free_body_table import FreeBodyTable, free_body_table, velocities_in_space
+from .system.mechanisms.loop_margin import widest_open, with_equalities
 
 if TYPE_CHECKING:
-    from .geometry.shapes.shapes import HalfSpace, PlacedShape
+    from .built_scene import BuiltScene
 
 # gap at and below which a constraint is active, in lengths of the scene
 ACTIVATION = 1e-8
-
-
-class BuiltScene(Protocol):
-    """The scene a problem was built from, for reports, replays and files; `Scene.build()` makes it."""
-
-    @property
-    def items(self) -> Any:
-        """The robots, bodies, walls and options that the user added."""
-
-    @property
-    def underway(self) -> bool:
-        """Whether the start is a state of a run, which may penetrate."""
-
-    @property
-    def shapes(self) -> tuple[PlacedShape, ...]:
-        """Every shape, with its place on the body that carries it."""
-
-    @property
-    def walls(self) -> dict[str, HalfSpace]:
-        """Half-spaces by name."""
-
-    @property
-    def surfaces(self) -> list[Any]:
-        """Meshes of the world."""
-
-    @property
-    def motions(self) -> list[Any]:
-        """Prescribed motions of the world's parts, each once."""
-
-    @property
-    def omitted(self) -> tuple[Any, ...]:
-        """The parts that were left out of the model."""
-
-    @property
-    def reduce(self) -> tuple[str, ...]:
-        """Kinds of reductions of the model that are on."""
-
-    @property
-    def start(self) -> Any:
-        """The initial configuration, where it was moved out of penetration, and by how much; else None."""
-
-    @property
-    def system(self) -> System:
-        """The system the scene was built to."""
-
-    @property
-    def constraints(self) -> tuple[Constraint, ...]:
-        """The constraints the scene was built to."""
-
-    def picture(self, q: Array, t: float) -> str:
-        """Return a picture of the scene at a configuration and a time [s], the text of an svg element."""
-
-    def notes(self, problem: Problem) -> list[str]:
-        """Return what a run shall note about how the scene was built."""
-
-    def state(self, problem: Problem, q: Any, v: Any) -> tuple[Array, Array]:
-        """Return q and v of a problem with values given by name."""
-
-    def check_in_plane(self, problem: Problem, q: Array) -> None:
-        """Raise `InputError` if a configuration leaves the plane of a planar scene."""
-
-    def report(self, problem: Problem) -> str:
-        """Return a text that lists the parts of the model, its reductions and their reasons."""
 
 
 class Problem:
@@ -148,7 +85,7 @@ class Problem:
         self.t0, self.length, self.scene = finite(t0, "t0"), positive(length, "length"), scene
         # in a problem loaded from a file: the functions that the file could not hold; runs need them given again
         self.not_kept: tuple[str, ...] = ()
-        constraints = checked_constraints(constraints)
+        constraints = _checked_constraints(constraints)
         if scene is not None and not (hasattr(scene, "items") and hasattr(scene, "report")):
             raise InputError(f"scene is given by Scene.build() only; got {shown(scene)}")
         self.restitution = checked_restitution(restitution, len(constraints))
@@ -188,7 +125,10 @@ class Problem:
         open_by = float(np.abs(self.system.gaps(self.q0)).max(initial=0.0))
         # written so that a NaN is refused too
         if not open_by <= self.tolerance:
-            raise InadmissibleStartError(f"the initial configuration opens loops or couplings, by {open_by:.3g}")
+            widest = f": {widest_open(self.system, self.q0)}" if with_equalities(self.system) else ""
+            raise InadmissibleStartError(
+                f"the initial configuration opens loops or couplings, by {open_by:.3g}{widest}; start where they close"
+            )
         if self.scene is not None and self.scene.underway:
             return
         active = self.constraints.active(self.t0, self.q0, self.tolerance)
@@ -354,6 +294,26 @@ class Problem:
             f"{self.system.nv} degrees of freedom, {len(self.constraints)} constraints given as functions, "
             f"restitution {', '.join(f'{x:g}' for x in e) or 'none'}; nothing was left out"
         )
+
+
+def _checked_constraints(constraints: Any) -> list[Constraint]:
+    """Return a user's constraints as a list.
+
+    Raises
+    ------
+    InputError
+        If they are no list or tuple, or one of them has no gap or no gradient.
+    """
+    if not isinstance(constraints, list | tuple):
+        raise InputError(f"constraints must be a list of constraints; got {shown(constraints)}")
+    each = list(constraints)
+    for one in each:
+        if isinstance(one, type) or not (hasattr(one, "gap") and hasattr(one, "gradient")):
+            raise InputError(
+                f"constraints must be objects with gap(t, q) and gradient(t, q), such as mbvi.GapFunction(f, grad_f); "
+                f"got {shown(one)} among them"
+            )
+    return each
 
 
 def check_kept(problem: Problem) -> None:

@@ -1,6 +1,7 @@
-"""The import graph: no circle of modules or rooms, rooms import only from rooms below, and studies stand on top."""
+"""The import graph has no circle, rooms import only from rooms below, and studies stand on top; sizes of modules."""
 
 import ast
+from collections import Counter
 from functools import cache
 
 import pytest
@@ -12,8 +13,8 @@ PACKAGES = ("mbvi", "mbvi_studies")
 # the rooms of docs/developer/architecture.md from the lowest floor up; "mbvi" is the __init__ of the package, and
 # mbvi_studies one room
 FLOORS = (
-    "errors", "arguments", "compiled", "geometry", "projection", "system", "constraints", "impacts", "problem",
-    "schemes", "schemes.event_driven", "scene", "results.replay", "results", "run", "derivatives", "interop",
+    "errors", "arguments", "compiled", "geometry", "projection", "system", "constraints", "impacts", "built_scene",
+    "problem", "schemes", "schemes.event_driven", "scene", "results.replay", "results", "run", "derivatives", "interop",
     "packing", "reference", "shipped", "sweeps", "mbvi", "cli", "__main__", "mbvi_studies",
 )  # fmt: skip
 # these rooms are folders inside a room; all other folders belong to the room around them
@@ -133,3 +134,10 @@ def test_rooms_import_only_from_rooms_below(types):
     assert {room(name) for name in PATHS} <= set(floor)
     upwards = [why for name, targets in arrows.items() for to, why in targets.items() if floor[to] >= floor[name]]
     assert upwards == []
+
+
+def test_modules_and_folders_are_small_enough_to_be_read():
+    paths = sorted((ROOT / "mbvi").rglob("*.py"))
+    assert [path for path in paths if len(path.read_text().splitlines()) > 350] == []
+    beside = Counter(path.parent for path in paths)
+    assert [folder for folder, count in beside.items() if count > 15] == []

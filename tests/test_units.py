@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 import mbvi
 from mbvi.run.default_scheme import default_scheme
-from mbvi.system.lengths import velocity_units
+from mbvi.system.parts import velocity_units
 from support.random_scenes import SHAPES, add_robot, add_shape, random_scene
 
 PAIRS = [(a, b) for k, a in enumerate(SHAPES) for b in SHAPES[k:]]

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 import numpy as np
 import typer
 
-from ..arguments.bar import parts
 from ..errors import InadmissibleStartError, InputError
 
 if TYPE_CHECKING:
@@ -73,11 +72,12 @@ class RobotOnFloor(NamedTuple):
     joints: Mapping[str, float] = MappingProxyType({})
     srdf: Path | None = None
 
-    def problem(self, height: float | None, far_above: bool = False) -> Problem:
+    def problem(self, height: float | None, far_above: bool = False, lowered: bool = True) -> Problem:
         """Return the problem; the lowest point of a free robot is at a height above the floor [m].
 
         A fixed base stands at that height instead, by default 0, and so does a MJCF with walls of its own, which
-        brings its floor and gravity. `far_above` puts all at a height at which nothing touches the floor.
+        brings its floor and gravity. `far_above` puts all at a height at which nothing touches the floor, and a free
+        robot stays there unless it is `lowered`, for which it is built twice.
         """
         mjcf = self._mjcf
         if mjcf and (self.base is not None or self.srdf is not None):
@@ -92,6 +92,10 @@ class RobotOnFloor(NamedTuple):
                 return build(height or 0.0)
             except InadmissibleStartError as error:
                 raise InadmissibleStartError(f"{error}; --height raises the base, --joint bends a joint") from error
+        if not lowered:
+            return build(FAR_ABOVE)
+        from ..arguments.bar import parts
+
         height = DROP_HEIGHT if height is None else height
         with parts(2, "robot") as bar:
             problem = build(FAR_ABOVE, ())

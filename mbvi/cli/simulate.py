@@ -72,7 +72,7 @@ def inspect(robot: RobotArgument, base: BaseOption = None, srdf: SrdfOption = No
     placed = RobotOnFloor(robot, base, srdf=srdf)
     try:
         with warnings_as_notes():
-            problem = placed.problem(None)
+            problem = placed.problem(None, lowered=False)
     except InadmissibleStartError as error:
         if base is not Base.fixed:
             raise

@@ -184,7 +184,8 @@ class Kernel:
         # numba names machine code by it: kernels of one source must not share a name
         loops.__qualname__ = self.__name__
 
-        calls = {name: namespace[name] for name in _names(loops.__code__) if _takes_address(namespace.get(name))}
+        known = {name: namespace.get(name) for name in _names(loops.__code__)}
+        calls = {name: each for name, each in known.items() if isinstance(each, AddressCall | RecordAt)}
 
         def make_callees(wait: bool) -> bool:
             made = _all_made([other.callee for other in others.values()], wait)
@@ -345,7 +346,3 @@ def _records_of(names: Iterable[str], namespace: dict[str, Any]) -> dict[str, An
             found |= _records_of(_WORD.findall(each.kernel_types), vars(sys.modules[each.__module__]))
             found[name] = each
     return found
-
-
-def _takes_address(value: Any) -> bool:
-    return isinstance(value, AddressCall | RecordAt)

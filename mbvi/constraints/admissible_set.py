@@ -11,42 +11,20 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..errors import InputError
-from ..projection.coulomb.friction import LARGEST_FRICTION
 from ..system import System
 from ..system.free.sparse_rows import dense
 from .cache import ClearanceCache
 from .families.given import as_family
 from .family import ConstraintFamily
+from .family_tangents import FamilyTangents
 from .rebuilt import Rebuilt
 from .rotations import Resistances, with_rotations
 from .rows import Array, Constraint, Rows, concatenate, take
-from .tangents import Tangents, none_of, tangents_of_mechanism
+from .tangents import Tangents
 from .tangents import concatenate as concatenate_tangents
 
 # number of constraints up to which each has its lever in an array
 _MOST_LEVERS = 100_000
-
-
-class _SingleFamily(NamedTuple):
-    """Rows of one family with friction.
-
-    Attributes
-    ----------
-    numbers, own : ndarray of int, shape (k,)
-        Their constraints, numbered in the problem and in the family.
-    family : ConstraintFamily or None
-        The family; None before the first rows.
-    friction : ndarray, shape (k,)
-        Coefficients.
-    bodies : tuple of ndarray, or None
-        The first and the second body of each, where tangents follow from them and one mechanism moves all bodies.
-    """
-
-    numbers: Array | None
-    family: Any
-    own: Array
-    friction: Array
-    bodies: tuple[Array, Array] | None
 
 
 class _Memory(NamedTuple):
@@ -134,9 +112,7 @@ class AdmissibleSet(Rebuilt):
             np.zeros(0, dtype=np.intp), np.zeros(0), np.zeros((0, system.nv)), np.zeros(0), *np.zeros((2, 0, 3))
         )
         self.resistance: Resistances | None = None
-        self._no_tangents = none_of(0, system.nv, False), none_of(0, system.nv, True)
-        # the last rows that were all of one family
-        self._single = _SingleFamily(None, None, np.zeros(0, np.int64), np.zeros(0), None)
+        self._tangents = FamilyTangents(system, self.families, self._starts, self._mu)
         self.cache = ClearanceCache(system, self.numbered())
         self._built: _Memory | None = None
 
@@ -280,55 +256,16 @@ class AdmissibleSet(Rebuilt):
 
     def _tangents_with(self, t: float, q: Array, rows: Rows, parts: list[Rows]) -> Tangents:
         """Return `tangents_of` rows, given also as the parts that they consist of."""
-        plain = [self._plain_tangents(t, q, part) for part in parts]
+        plain = [self._tangents.of(t, q, part) for part in parts]
         tangents = plain[0] if len(plain) == 1 else concatenate_tangents(plain)
         if self.resistance is None:
             return tangents
         resistance = self.resistance.of(rows.constraint, self.name)
         return with_rotations(self.families, self._starts, t, q, rows, tangents, resistance)
 
-    def _plain_tangents(self, t: float, q: Array, rows: Rows) -> Tangents:
-        """Return the tangents of rows, those of each family in turn."""
-        numbers = rows.constraint
-        if numbers is self._single.numbers:
-            # the same array means the same numbers: nobody writes to it
-            _, family, own, mu, bodies = self._single
-            if bodies is not None:
-                return tangents_of_mechanism(self.system.kinematics(q), bodies, rows.point, rows.normal, mu)
-            return family.tangents(t, q, Rows(own, *rows[1:]), mu)
-        if not numbers.size:
-            return self._no_tangents[not isinstance(rows.jacobian, np.ndarray)]
-        f = bisect_right(self._starts, numbers.item(0)) - 1
-        # most often all rows are of one family
-        if numbers.min() >= self._starts[f] and numbers.max() < self._starts[f + 1]:
-            return self._tangents_of(f, t, q, rows)
-        which = np.searchsorted(self._starts, numbers, side="right") - 1
-        order, parts = np.argsort(which, kind="stable"), []
-        for f in np.unique(which).tolist():
-            parts.append(self._tangents_of(f, t, q, take(rows, which == f)))
-        together = concatenate_tangents(parts)
-        # most often rows come family by family
-        sorted_already = (which[:-1] <= which[1:]).all()
-        return together if sorted_already else together.take(np.argsort(order, kind="stable"))
-
-    def _tangents_of(self, f: int, t: float, q: Array, rows: Rows) -> Tangents:
-        """Return the tangents of rows that are all of family number f."""
-        family = self.families[f]
-        own = rows.constraint - self._starts[f]
-        mu = self.friction_of(f, own)
-        if mu.any():
-            plain = self.system.single_mechanism and type(family).tangents is ConstraintFamily.tangents
-            self._single = _SingleFamily(rows.constraint, family, own, mu, family.bodies_of(own) if plain else None)
-            return family.tangents(t, q, Rows(own, *rows[1:]), mu)
-        return none_of(len(mu), self.system.nv, not isinstance(rows.jacobian, np.ndarray))
-
     def friction_of(self, f: int, own: Array) -> Array:
         """Return the coefficients of friction of some constraints of family number f, shape (k,)."""
-        family = self.families[f]
-        mu = family.friction_of(own)
-        if np.isnan(family.friction).any():
-            mu = np.where(np.isnan(mu), self._mu[f], mu)
-        return np.minimum(mu, LARGEST_FRICTION)
+        return self._tangents.friction_of(f, own)
 
     def coefficient_of_friction(self, number: int) -> float:
         """Return the coefficient of friction of a constraint."""

@@ -11,6 +11,7 @@ from ..compiled import kernel, plain_array
 from .admissible_set import AdmissibleSet
 from .family import ConstraintFamily
 from .rows import Array, Rows
+from .tangents import Tangents
 
 
 class Place(NamedTuple):
@@ -58,6 +59,46 @@ def carried_along(constraints: AdmissibleSet, rows: Rows, before: Place, after: 
             moved[part][at_rest] = at[part][at_rest]
     point[order] = moved
     return rows._replace(point=point)
+
+
+def with_mean_rates(constraints: AdmissibleSet, rows: Rows, t: float, q: Array, h: float) -> Rows:
+    """Return rows of walls that move with the mean velocities of the walls in a step, to second order.
+
+    Constraints that have no bodies keep the rates that they have at its begin.
+
+    Parameters
+    ----------
+    constraints : AdmissibleSet
+        The constraints.
+    rows : Rows
+        Rows at (t, q), where the step begins.
+    t, q, h
+        Time [s] and configuration there, and the length of the step [s].
+    """
+    if rows.rate is None:
+        return rows
+    order, rate, tangents = rows.constraint.argsort(kind="stable"), rows.rate.copy(), rows.tangents
+    if tangents is not None and tangents.rate is not None:
+        tangents = tangents._replace(rate=tangents.rate.copy())
+    for family, part, _ in _by_family(constraints, rows.constraint[order]):
+        if family.frame is not None:
+            some = order[part]
+            velocity, spin = family.frame.motion_after(0.5 * h, rows.point[some], t, q)
+            rate[some] = -np.vecdot(rows.normal[some], velocity)
+            # tangents of rows without friction are zero
+            if tangents is not None and tangents.friction[some].any():
+                _set_rates(tangents, rows.normal, some, velocity, spin)
+    return rows._replace(rate=rate, tangents=tangents)
+
+
+def _set_rates(tangents: Tangents, normal: Array, some: Array, velocity: Array, spin: Array) -> None:
+    """Set the rates of the tangents of some rows whose walls have given velocities and a spin; see `Tangents`."""
+    assert tangents.rate is not None
+    rate, axes = tangents.rate.reshape(-1, tangents.width), tangents.axes[some]
+    rate[some, :2] = -np.vecdot(axes, velocity[:, None])
+    if tangents.resistance is not None:
+        about = np.concatenate([normal[some, None], axes], axis=1)
+        rate[some, 2:] = np.where(tangents.resistance[some].any(axis=1)[:, None], -about @ spin, 0.0)
 
 
 def _by_family(constraints: AdmissibleSet, numbers: Array) -> Iterator[tuple[ConstraintFamily, slice, Array]]:

@@ -11,9 +11,10 @@ import numpy as np
 
 from ..system import System
 from .families.candidates import PairCandidates
-from .feature_motion import places_of
+from .features.feature_motion import places_of
+from .features.pair_features import FeatureRows
 from .mechanism.held_rows import RowParts, unknown_parts
-from .pair_features import FeatureRows
+from .relative_ways import PairBalls
 from .rotations import rotation_rows
 from .row_table import RowTable
 from .rows import NO_POINT, Array, Rows
@@ -50,6 +51,8 @@ class ConstraintFamily(ABC):
         Whether the constraints are limits of joints, which are no contacts.
     moving : bool
         Whether gaps change with time at a fixed q; `rate` says how fast.
+    frame : MovingFrame or None
+        The frame of walls that move together.
     thickness : ndarray, shape (size,), or float
         The least travel within which bodies can pass through each other [m]; infinite where they never can, or where
         the tunnelling guard shall not check.
@@ -74,6 +77,7 @@ class ConstraintFamily(ABC):
     lever: Array | float = 1.0
     of_joints: bool = False
     moving: bool = False
+    frame: Any = None
     thickness: Array | float = np.inf
     hollow: bool = False
     tracked: bool = True
@@ -89,6 +93,10 @@ class ConstraintFamily(ABC):
     def count(self) -> int:
         """How many constraints there are: less than `size` if some numbers have none, as pairs i n + j with i >= j."""
         return self.size
+
+    def all_pairs(self) -> Array:
+        """Return the numbers of the constraints, ascending: all below `size`, unless a family knows which there are."""
+        return np.arange(self.size)
 
     def name(self, number: int) -> str:
         """Return the name of one constraint; "" where it has none of its own."""
@@ -121,17 +129,9 @@ class ConstraintFamily(ABC):
     def contacts(self, t: float, q: Array, tolerance: float) -> Rows | None:
         """Return the rows whose gap is at most the tolerance, or None if there are none.
 
-        One constraint may have several rows: those of a flat face that lies on another. The default evaluates `gap`,
-        and `gradient` where a row is within the tolerance.
-
-        Parameters
-        ----------
-        t : float
-            Time [s].
-        q : ndarray, shape (nq,)
-            Configuration.
-        tolerance : float
-            The greatest gap of a row [m]; gaps of angles are multiplied by their `lever`.
+        One constraint may have several rows: those of a flat face that lies on another. The tolerance is a length [m],
+        with which gaps of angles are compared after multiplication by their `lever`. The default evaluates `gap`, and
+        `gradient` where a row is within the tolerance.
         """
         gap = self.gap(t, q)
         lengths = gap * self.lever
@@ -210,6 +210,13 @@ class ConstraintFamily(ABC):
     def bending_envelope(self) -> Array | None:
         """Return the largest reach, shape (nv,), also where every step queries the family; None if not known."""
         return self.envelope()
+
+    def changes_of_walls(self, times: tuple[float, float, float], q: Array, points: Array) -> Array:
+        """Return the larger of both changes of the walls' velocity between three times, shape (k,) [m/s].
+
+        `points`, shape (k, 3), are where bodies that may touch the walls are at the second time and at q.
+        """
+        return np.zeros(len(points))
 
     def clearance(self) -> float:
         """Return how far any gap may fall before `contacts` must be called again [m].
@@ -291,20 +298,12 @@ class ConstraintFamily(ABC):
         return float(np.min(self.thickness, initial=np.inf)) / total if total > 0.0 else np.inf
 
     def passed_share(self) -> Array | None:
-        """Return the reach divided by the thickness, shape (nv, size): travel in thicknesses per unit displacement.
-
-        None where the pairs are too many to be listed.
-        """
+        """Return the reach in thicknesses, shape (nv, size), or None where the pairs are too many to be listed."""
         reach = self.reach()
         return None if reach is None else np.asarray(reach.T / self.thickness)
 
     def passable(self, q: Array, displacement: Array) -> tuple[Array, Array, Array]:
-        """Return the constraints whose bodies may pass through each other between q and q + displacement.
-
-        Parameters
-        ----------
-        q, displacement : ndarray, shapes (nq,) and (nv,)
-            Configuration, and the tangent vector along which it moves.
+        """Return the constraints whose bodies may pass through each other on a displacement from q, shape (nv,).
 
         Returns
         -------
@@ -320,9 +319,17 @@ class ConstraintFamily(ABC):
         pairs = np.flatnonzero(travel > thickness)
         return pairs, travel[pairs], thickness[pairs]
 
-    def pair_gap(self, t: float, q: Array, pairs: Array) -> Array:
-        """Return the gaps of some constraints in ascending order, shape (k,) [m]."""
-        return np.asarray(self.gap(t, q)[pairs])
+    def balls_of(self, numbers: Array) -> PairBalls | None:
+        """Return balls of the bodies of some constraints, if gaps are distances of these; None otherwise."""
+        return None
+
+    def thickness_of(self, numbers: Array) -> Array:
+        """Return the thicknesses of some constraints, shape (k,) [m]."""
+        return np.broadcast_to(self.thickness, (self.size,))[numbers]
+
+    def nearest_of(self, t: float, q: Array, pairs: Array) -> tuple[Array, Array | None]:
+        """Return gaps of some constraints in ascending order, shape (k,) [m]; normals, shape (k, 3), if with balls."""
+        return np.asarray(self.gap(t, q)[pairs]), None
 
     # for sleeping bodies
 

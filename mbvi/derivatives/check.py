@@ -12,7 +12,7 @@ from ..projection import Projector
 from ..schemes import EventDriven
 from ..schemes.event_driven.motion_state import NO_ROWS
 from ..schemes.event_driven.rows.contact_rows import SmoothRows
-from ..system.lengths import velocity_units
+from ..system.parts import velocity_units
 from ..system.system import Array
 from .directions import Directions
 from .variation import LEAST

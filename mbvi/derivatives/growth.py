@@ -10,7 +10,7 @@ import numpy as np
 from ..errors import InputError
 from ..problem import Problem
 from ..results.trajectory import Trajectory
-from ..system.lengths import velocity_units
+from ..system.parts import velocity_units
 from ..system.system import Array
 from .directions import Directions
 

@@ -20,12 +20,12 @@ from ..run.own_steps.event_loop import run_event_driven
 from ..run.simulate import check_problem, simulate
 from ..schemes import Centered, EventDriven, MoreauJean, OwnStepsScheme, Paoli, Scheme, StewartTrinkle
 from ..system.hinged import HingedSystem
+from ..system.mechanisms.loop_margin import with_equalities
 from ..system.system import Array
 from .check import SensitivityCheck, VariedRuns
 from .directions import Directions, directions
 from .fixed_steps import LocatedSteps
 from .growth import growth, with_growth
-from .motion.accelerations import has_equalities
 from .one_sided import OneSidedSensitivity, Part, branches
 from .orders import Branching
 from .variation import Variation
@@ -330,11 +330,11 @@ def _checked(problem: Problem, scheme: Scheme | OwnStepsScheme) -> Scheme | Even
         reason = "walls move on their own, whose derivatives mbvi does not know yet"
     elif system.has_joint_friction:
         reason = "joints have friction, whose derivatives mbvi does not know yet"
-    elif has_equalities(system) and not isinstance(scheme, EventDriven):
+    elif with_equalities(system) and not isinstance(scheme, EventDriven):
         reason = (
             f"there are loops or coupled joints, whose derivatives mbvi knows of EventDriven only, not of {scheme.name}"
         )
-    elif has_equalities(system) and problem.constraints.frictional:
+    elif with_equalities(system) and problem.constraints.frictional:
         reason = "there are loops or coupled joints and friction, whose derivatives mbvi does not know yet"
     elif isinstance(system, HingedSystem):
         reason = "closing hinges have forces, whose derivatives mbvi does not know yet"

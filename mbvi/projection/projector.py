@@ -9,12 +9,13 @@ from ..arguments import shown
 from ..errors import InfeasibleError, InputError, ProjectionError
 from .acceptance import OF_MECHANISMS, Acceptance, AcceptedDepth, StatedDepth
 from .coulomb.friction import FrictionalProjection, FrictionalStart
-from .coulomb.frictional_laws import FrictionalLaws, FrictionalRows
-from .dense.dual_active_set import DualActiveSet, dual_active_set
+from .coulomb.frictional_laws import FrictionalLaws
+from .dense.dual_active_set import DualActiveSet, contradictory
 from .dense.fused_step import FEW, MOST_FUSED, FusedStep, contradiction
 from .dense.proxqp import ProxQP
 from .dense.scaled_qp import Candidate, Projection, ScaledQP, Solver, WarmStart
 from .free_motion import FreeMotion
+from .frictional_rows import FrictionalRows
 from .metric import Array, DiagonalMetric, Metric
 from .sparse.column_blocks import touched_columns
 from .sparse.sparse_pcg import SparsePCG, refine
@@ -22,9 +23,6 @@ from .tree import TreeFreeMotion
 from .warm_start import LastPercussions, contact_keys
 
 SOLVERS = (ProxQP, DualActiveSet, SparsePCG)
-# most rows of a failed problem that the dual active-set method checks for contradictions
-_MOST_CHECKED = 400
-
 # speeds at which open rows may close where no row is open
 _NONE_OPEN = np.zeros(0)
 # the residual of bodies nearly at rest, relative to their speed over that of a step of free fall; and its least share.
@@ -305,7 +303,7 @@ class Projector:
         worst = (
             None if contacts is None else int(contacts[qp.d.argmax() if found is None else qp.slack(found.z).argmin()])
         )
-        if _contradictory(qp, found):
+        if contradictory(qp, found):
             return contradiction(problem)
         solver = "" if self.solver is None else f" by {self.solver!r}"
         relative, stopped = qp.relative(residual), "" if found is None or not found.stopped else f" ({found.stopped})"
@@ -328,21 +326,6 @@ def _moved(x: Array, part: Array, values: Array) -> Array:
 def _problem(qp: ScaledQP) -> dict[str, Array | csr_array | Metric]:
     # the dense M of many bodies could be too large for the memory
     return {"x": qp.x, "M": qp.metric if qp.sparse else qp.metric.dense(), "J": qp.J, "lower": qp.lower}
-
-
-def _contradictory(qp: ScaledQP, found: Candidate | None) -> bool:
-    """Return whether it is certain that no velocity meets the rows.
-
-    It is certain (Farkas' lemma) if some u >= 0 has J' u = 0 and lower . u > 0. The percussions found are tried as u;
-    then the dual active-set method searches for contradicting rows.
-    """
-    if found is not None and found.u.any():
-        size = np.abs(qp.combine(found.u)).max(initial=0.0)
-        terms = (abs(qp.rows).T @ found.u).max(initial=0.0)
-        lower = qp.lower / qp.lengths
-        if size <= 1e-6 * terms and lower @ found.u > 1e-6 * np.abs(lower) @ found.u:
-            return True
-    return len(qp.d) <= _MOST_CHECKED and dual_active_set(qp.columns, qp.d) is None
 
 
 def checked_solver(solver: ChosenSolver | None) -> ChosenSolver | None:

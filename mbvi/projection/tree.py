@@ -9,7 +9,7 @@ from scipy.sparse import csr_array
 
 from ..compiled import kernel, plain_array
 from ..errors import InputError
-from .metric import Array, triangular, whiten_full
+from .metric import Array, BlockMetric, Metric, triangular, whiten_full
 from .tree_factor import (
     DEPENDENT,
     factor_mass,
@@ -295,6 +295,14 @@ class TreeMetric:
         other.friction, other.hinges = friction, hinges
         return other
 
+    def keeping(self, rows: Array) -> TreeMetric:
+        """Return the same metric on the velocities that keep other equalities, with J_e of the shape (m, nv)."""
+        other, n = copy(self), len(self.parent)
+        other.lower, other.triangle = self.lower.copy(), np.empty(self.triangle.shape)
+        span_equalities(np.concatenate([np.empty((n, n)), rows]), self.parent, DEPENDENT, other.lower, other.triangle)
+        other._factor, other._basis = other.lower[:n], other.lower[n:]
+        return other
+
     def apply(self, w: Array) -> Array:
         return self._factor.T @ (self._factor @ w)
 
@@ -326,3 +334,10 @@ class TreeMetric:
 
     def dense(self) -> Array:
         return self._factor.T @ self._factor
+
+
+def tangent(metric: Metric, v: Array) -> Array:
+    """Return the nearest velocity that keeps the equalities of a metric, shape (nv,); v itself where there are none."""
+    if isinstance(metric, BlockMetric):
+        return np.concatenate([tangent(part, v[s]) for part, s in zip(metric.parts, metric.slices, strict=True)])
+    return metric.tangent(v) if isinstance(metric, TreeMetric) and len(metric.lower) > len(v) else v

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
+from ..constraints import AdmissibleSet
+from ..constraints.carried import Place, carried_along
 from ..constraints.contact import Contact
 from ..constraints.rows import Rows, match_contacts
 from ..schemes.contact_friction import ContactFriction, with_friction
@@ -119,6 +122,14 @@ class ContactTable:
         return with_friction(found, friction.take(rows), duration)
 
 
+class _Whereabouts(NamedTuple):
+    """The constraints of rows, what was added to their numbers, and what returns where the rows are."""
+
+    constraints: AdmissibleSet | None
+    offset: int
+    place: Callable[[], Place] | None
+
+
 class ContactLog:
     """Collects the contacts of a run in arrays that grow.
 
@@ -128,7 +139,8 @@ class ContactLog:
     Parameters
     ----------
     same : float
-        Points of one constraint farther apart than this are different contacts [m].
+        A contact that moves by more than this from one step to the next is sought among all of its constraint, where
+        bodies have carried them [m].
     frictional : bool
         Whether the problem has friction.
     resisting : bool
@@ -145,6 +157,8 @@ class ContactLog:
         As `ContactTable.starts`, of the intervals that have ended.
     offset : int
         What is added to numbers of constraints: after a switch these are others.
+    constraints : AdmissibleSet or None
+        The constraints of the rows that are added; without them, points are compared where they are.
     """
 
     def __init__(self, same: float, *, frictional: bool = False, resisting: bool = False) -> None:
@@ -152,8 +166,10 @@ class ContactLog:
         width = 17 if resisting else 14 if frictional else 7
         self.number, self.values = np.empty(_ROOM, np.int64), np.empty((_ROOM, width))
         self.starts = [0]
-        # first rows of the steps of the present interval, and the end of the last one
+        self.constraints: AdmissibleSet | None = None
+        # of the steps of the present interval the first rows and where they are, and the end of the last one
         self._begins: list[int] = []
+        self._places: list[_Whereabouts] = []
         self._end = 0
         # what percussions leave out of the present interval, and of those that have ended, by constraint
         self._left_out: dict[int, Array] = {}
@@ -161,9 +177,9 @@ class ContactLog:
 
     def add(
         self, number: Array, point: Array, normal: Array, percussion: Array, friction: ContactFriction | None = None,
-        correction: Array | None = None,
+        correction: Array | None = None, place: Callable[[], Place] | None = None,
     ) -> None:  # fmt: skip
-        """Add the rows of a step that have a percussion, and `Step.correction`."""
+        """Add the rows of a step that have a percussion, and `Step.correction`; `place` returns where rows are."""
         if correction is not None:
             for a in np.flatnonzero(correction.any(axis=1)).tolist():
                 name = int(number[a]) + self.offset
@@ -189,6 +205,7 @@ class ContactLog:
             if friction.angular is not None:
                 values[:, 14:] = friction.angular[index]
         self._begins.append(begin)
+        self._places.append(_Whereabouts(self.constraints, self.offset, place))
         self._end = end
 
     def close(self) -> None:
@@ -196,6 +213,7 @@ class ContactLog:
         if len(self._begins) > 1:
             self._merge()
         self._begins.clear()
+        self._places.clear()
         self.starts.append(self._end)
         self._corrected += self._left_out.keys()
         self._corrections += self._left_out.values()
@@ -232,13 +250,20 @@ class ContactLog:
         ends = [*self._begins[1:], self._end]
         number = self.number[first : ends[0]].copy()
         total = _moments(self.values[first : ends[0]])
-        for begin, end in zip(self._begins[1:], ends[1:], strict=True):
-            other, more = self.number[begin:end], _moments(self.values[begin:end])
-            owner = self._owner(other, more, number, total)
+        # of each contact its point in the last step that had it, and which one that was
+        point, seen = self.values[first : ends[0], :3].copy(), np.zeros(len(number), np.int64)
+        for j, (begin, end) in enumerate(zip(self._begins[1:], ends[1:], strict=True), 1):
+            other, values = self.number[begin:end], self.values[begin:end]
+            at, more = values[:, :3].copy(), _moments(values)
+            owner = self._owner(other, at, number, point, seen, j)
             known = owner >= 0
             # every contact is the owner of one row at most
             total[owner[known]] += more[known]
+            point[owner[known]], seen[owner[known]] = at[known], j
+            if known.all():
+                continue
             number, total = np.concatenate([number, other[~known]]), np.concatenate([total, more[~known]])
+            point, seen = np.concatenate([point, at[~known]]), np.append(seen, np.full(int((~known).sum()), j))
         length = np.sqrt(np.vecdot(total[:, 3:6], total[:, 3:6]))
         left = length != 0.0
         number, total, length = number[left], total[left], length[left]
@@ -255,14 +280,27 @@ class ContactLog:
         if self._frictional:
             values[:, 7:11], values[:, 11:] = total[:, 7:11] / total[:, 6:7], total[:, 11:]
 
-    def _owner(self, number: Array, moments: Array, others: Array, known: Array) -> Array:
-        """Return the contact that each row continues, -1 where it begins a new one."""
-        point, place = moments[:, :3] / moments[:, 6:7], known[:, :3] / known[:, 6:7]
+    def _owner(self, number: Array, point: Array, others: Array, known: Array, seen: Array, step: int) -> Array:
+        """Return the contact that each row of a step continues, -1 where it begins a new one.
+
+        The contacts have the numbers `others`, and had the points `known` in the steps `seen`.
+        """
         if len(number) == len(others) and (number == others).all():
-            apart = point - place
+            apart = point - known
             if not (np.vecdot(apart, apart) > self._same**2).any():
                 return np.arange(len(number))
-        return match_contacts(_rows(number, point), _rows(others, place))
+        return match_contacts(_rows(number, point), _rows(others, self._carried(others, known, seen, step)))
+
+    def _carried(self, number: Array, point: Array, seen: Array, step: int) -> Array:
+        """Return where bodies have carried the points that contacts had in the steps `seen`."""
+        point, now = point.copy(), self._places[step]
+        for k in np.unique(seen).tolist():
+            then, some = self._places[k], np.flatnonzero(seen == k)
+            if now.constraints is None or then.constraints is not now.constraints or not (then.place and now.place):
+                continue
+            rows = _rows(number[some] - now.offset, point[some])
+            point[some] = carried_along(now.constraints, rows, then.place(), now.place()).point
+        return point
 
 
 def _moments(values: Array) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..errors import InputError, UnsuitableError
 from ..schemes import Adaptive, OwnStepsScheme
-from ..system.lengths import velocity_units
+from ..system.parts import velocity_units
 from ..system.settings import Settings
 from .diagnosis.diagnose import given_or_computed
 from .run_data import Array, RunData

@@ -23,7 +23,11 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Impact:
-    """One instant at which the velocity jumped, with every constraint that took part.
+    """One instant at which the velocity jumped, with the constraints that took part.
+
+    With fixed steps a contact that was closed before is left out where its percussion in the step before was at least
+    half as large, as in a strong impact in that step. Contacts that are recorded with `record="contacts"` have these
+    percussions, too.
 
     Attributes
     ----------

@@ -14,6 +14,7 @@ from ..system import ArticulatedSystem, located_parts
 from ..system.control_table import TRACKING
 from ..system.controls import LoopControl
 from ..system.system import Array
+from .opened_loops import opened_loop
 
 # h d + (h w)^2 / 2 below which explicit steps are stable, and its value at the gains and steps that are suggested: in
 # other poses it is up to 4 times larger
@@ -158,15 +159,15 @@ def failures_with_time(problem: Problem, h: float, state: Callable[[], Step]) ->
         if words is not None:
             raise DivergedError(f"the run diverges at t = {last.t:.6g} s: {words} ({error})") from error
         if isinstance(error, ProjectionError):
-            error.args = (f"in the step from t = {last.t:.6g} s{_what_to_change(problem, h, error)}",)
+            error.args = (f"in the step from t = {last.t:.6g} s{_what_to_change(problem, h, last.q, error)}",)
         raise
 
 
-def _what_to_change(problem: Problem, h: float, error: ProjectionError) -> str:
+def _what_to_change(problem: Problem, h: float, q: Array, error: ProjectionError) -> str:
     """Return what a projection that failed concerns, why it failed, and what to change, in words."""
     at = "" if error.constraint is None else f", at {problem.constraints.name(error.constraint)}"
     if isinstance(error, InfeasibleError):
-        return f"{at}: {error}"
+        return f"{at}: {error}{opened_loop(problem, q, h, error)}"
     friction = "a smaller friction or restitution, " if problem.constraints.frictional else ""
     return (
         f"{at}: {error}; shorter parts of the step are not solved either: take a step below {h:g} s, {friction}"

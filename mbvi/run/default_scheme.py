@@ -9,7 +9,7 @@ from ..geometry.shapes.shapes import HalfSpace, PlacedShape
 from ..problem import Problem
 from ..schemes import Centered, EventDriven, Scheme, StewartTrinkle
 from ..system import HingedSystem, System, located_parts, parts_of
-from ..system.lengths import velocity_units
+from ..system.parts import velocity_units
 from ..system.system import Array, Part
 
 # up to this number of constraints `EventDriven` costs at most twice the time of steps of 1e-3 s; measured by

@@ -19,6 +19,7 @@ from ..system.settings import Settings
 from .accuracy import projector_of
 from .control_stability import failures_with_time, gain_notes
 from .default_scheme import default_scheme, time_stepping
+from .fixed_steps.retaken import SolvedSteps
 from .fixed_steps.switching import SwitchedRecorder, SwitchFunction, Switching, switch_connections
 from .fixed_steps.taking import FixedSteps, Plan, observed
 from .given_scheme import checked_scheme
@@ -26,8 +27,7 @@ from .interrupted import run_so_far
 from .own_steps.adaptive_loop import run_adaptive
 from .own_steps.event_loop import run_event_driven
 from .progress import Progress
-from .recorder import Recorder
-from .retaken import SolvedSteps
+from .recording.recorder import Recorder
 from .start import initial_step
 from .tunnelling import TunnellingGuard
 

@@ -26,7 +26,7 @@ from ..problem import Problem
 from ..projection import Projector
 from ..schemes import Step
 from ..system import located_parts
-from ..system.lengths import velocity_units
+from ..system.parts import velocity_units
 from ..system.system import Array
 
 # bodies are tested once in so many steps: a body at rest before and after a step stays at rest

@@ -3,24 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 
 from ..constraints import ConstraintFamily
+from ..constraints.relative_ways import Approach, pair_approach, steady_approach
 from ..errors import DivergedError
 from ..problem import Problem
 from ..projection import Projector
 from ..schemes import Scheme, Step
-from ..schemes.event_driven.finding.root_finding import first_root_by_slope
 from ..schemes.observer import observer
 from ..system.system import Array
 from .control_stability import turned_by_gains
+from .meeting import Meeting
 
 # v . v at and above which a run has diverged
 RUNAWAY = 1e16
-# penetration at the end of a shortened step, relative to the thickness that would be passed through
-DEPTH = 1e-3
 # most shortened steps within one step, and the remaining part of a step that is not shortened again
 _MOST_SHORTENED, _LEAST_REST = 1000, 1e-9
 # most times that a shortened step is shortened again because its law leads elsewhere than that of the whole one
@@ -29,15 +29,13 @@ _MOST_AGAIN = 20
 _ALL = 0.99
 # largest coordinate of a displacement that is taken as the difference of its ends [rad, m]
 HALF_TURN = 3.0
-# how much deeper bodies that are not convex get before a step is shortened, in thicknesses
-DEEP = 0.25
 
 
 class _Way(NamedTuple):
-    """How bodies move within a step: where they are at a share of it, and the displacement that bounds their travel."""
+    """How bodies move within a step: where they are at a share of it, and the displacement at their velocity there."""
 
     place: Callable[[float], Array]
-    displacement: Array
+    pace: Callable[[float], Array]
 
 
 class TunnellingGuard:
@@ -183,63 +181,54 @@ class TunnellingGuard:
         system, before, after = self._problem.system, self._jump * h, (1.0 - self._jump) * h
         if self._scheme.timing.coasts:
             # the second one ends with the step, where its velocity is known
-            return (
-                _Way(lambda x: system.integrate(state.q, system.coast(state.v, x * before)[0]), before * state.v),
-                _Way(lambda x: system.integrate(new.q, system.coast(new.v, (x - 1.0) * after)[0]), after * new.v),
+            first, second = self._coasting(state.q, state.v, before, 0.0), self._coasting(new.q, new.v, after, 1.0)
+            if not self._scheme.project_positions:
+                return first, second
+            # it begins where the first one ends: meanwhile the projection pushes bodies
+            push = system.difference(first.place(1.0), second.place(0.0))
+            return first, _Way(
+                lambda x: system.integrate(second.place(x), (x - 1.0) * push), lambda x: second.pace(x) + push
             )
         middle, onward = system.integrate(state.q, before * state.v), after * new.v
         # of bodies that turn further the difference of two configurations does not know how far
         if np.abs(onward).max(initial=0.0) < HALF_TURN:
             onward = system.difference(middle, new.q)
         return (
-            _Way(lambda x: system.integrate(state.q, x * before * state.v), before * state.v),
-            _Way(lambda x: system.integrate(middle, x * onward), onward),
+            _Way(lambda x: system.integrate(state.q, x * before * state.v), lambda _: before * state.v),
+            _Way(lambda x: system.integrate(middle, x * onward), lambda _: onward),
         )
+
+    def _coasting(self, q: Array, v: Array, h: float, at: float) -> _Way:
+        """Return the way of a time h through q with the velocity v, at that share of it."""
+        integrate, coast = self._problem.system.integrate, self._problem.system.coast
+        return _Way(lambda x: integrate(q, coast(v, (x - at) * h)[0]), lambda x: h * coast(v, (x - at) * h)[1])
 
     def _first(self, way: _Way, length: float) -> float:
         """Return the share of a way at which the first pair meets that would pass through each other.
 
         `length` is that of the way in steps: pairs pass through each other in a whole one.
         """
-        first, q = 1.0, way.place(0.0)
+        first, q, displacement = 1.0, way.place(0.0), way.pace(0.0)
         for family in self._watched:
-            for k, travel, thickness in zip(*family.passable(q, way.displacement / length), strict=True):
+            for k, travel, thickness in zip(*family.passable(q, displacement / length), strict=True):
                 first = min(first, self._meets(family, way, np.array([k]), length * travel, thickness))
         return first
 
     def _meets(self, family: ConstraintFamily, way: _Way, pair: Array, travel: float, thickness: float) -> float:
-        """Return the share of a way at which a pair meets, 1 if it does not."""
+        """Return the share of a way just after a pair meets, or may meet as far as is known; 1 if it does not."""
+        both = cache(lambda: (family.balls_of(pair), family.reach_of(pair)))
 
-        def gap(x: float) -> float:
-            return float(family.pair_gap(self._problem.t0, way.place(x), pair)[0])
+        def approach(x: float, close: bool) -> Approach:
+            q = way.place(x)
+            gap, normal = family.nearest_of(self._problem.t0, q, pair)
+            balls, reach = both() if close and normal is not None else (None, None)
+            if balls is None or reach is None or normal is None:
+                return steady_approach(float(gap[0]), travel)
+            # the first ball need not be that of the first body
+            sign = 1.0 if family.bodies_of(pair)[0][0] == balls.bodies[0, 0] else -1.0
+            return pair_approach(
+                self._problem.system, balls, reach[0], q, way.pace(x), float(gap[0]), sign * normal[0]
+            )  # fmt: skip
 
-        tolerance, start = self._problem.tolerance, gap(0.0)
-        short = min(DEPTH * thickness / travel, 1.0)
-        begin, near = 0.0, max(tolerance, 0.1 * DEPTH * thickness)
-        if family.hollow:
-            return _enters(gap, start, near, travel, thickness, short)
-        if start <= tolerance:
-            # a pair that touches at the start: it passes only if its gap falls, and a short step lets the law act on it
-            begin, rise = short, gap(short) - start
-            if rise < near:
-                return short if rise < -near else 1.0
-        x = begin + first_root_by_slope(lambda x: gap(begin + x), 1.0 - begin, travel)
-        return min(x + short, 1.0) if x < 1.0 and gap(x) <= near else 1.0
-
-
-def _enters(
-    gap: Callable[[float], float], start: float, near: float, travel: float, thickness: float, short: float
-) -> float:
-    """Return the share of a displacement just after a pair touches, or goes deeper, before it is `DEEP`; 1 if never.
-
-    Bodies that are not convex may part or slide along each other and meet again elsewhere within a step.
-    """
-    deep = DEEP * thickness + max(-start, 0.0)
-    high = first_root_by_slope(lambda x: gap(x) + deep, 1.0, travel)
-    if high >= 1.0:
-        return 1.0
-    low, level = 0.0, min(start, near) - near
-    while high - low > short:
-        middle = 0.5 * (low + high)
-        low, high = (low, middle) if gap(middle) < level else (middle, high)
-    return min(high + short, 1.0)
+        meeting = Meeting(approach, self._problem.tolerance, travel, thickness)
+        return meeting.entering() if family.hollow else meeting.touching()

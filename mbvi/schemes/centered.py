@@ -13,6 +13,7 @@ from ..constraints.rows import concatenate, match_contacts, points_going_on, tak
 from ..problem import Problem
 from ..projection import Projector, in_flight
 from ..projection.positions.travel import largest_of_parts, largest_of_rows
+from ..system.mechanisms.loop_margin import with_equalities
 from ..system.system import Array
 from .kernels.centered import centered_step
 from .positions.closed_contacts import Applied
@@ -21,7 +22,7 @@ from .positions.nearby_rows import NearbyRows
 from .positions.position_projection import project_positions
 from .scheme import Scheme, Timing
 from .step import NO_RATES, Step, advance_gaps, closing_speeds, coasted, joining, law, near_margins
-from .tangent_velocity import with_tangent_velocity
+from .tangent_velocity import along_equalities, with_tangent_velocity
 
 
 class Centered(Scheme):
@@ -104,12 +105,16 @@ class Centered(Scheme):
             elastic = bounces & (active.restitution >= 1.0)
             change = np.where(elastic, np.minimum(change, ahead.gap - active.gap), change)
             opened = closing_speeds(problem, active, half, change)
+        across = None
+        if with_equalities(system):
+            motion, v, across = along_equalities(motion, v)
         w, rates, residual, slip, found = law(projector, v, motion, *self.rows_of_law(active, v, opened))
+        w = w if across is None else w + across
         active = active._replace(restitution=found.restitution)
         step = Step(end, middle, w, active, rates, residual, slip)
         if not self.project_positions:
             return with_tangent_velocity(system, coasted(system, advance_gaps(step, half), half), motion)
-        applied = Applied(t, middle, v, h, motion, opened, ahead, bouncing, coasts=True)
+        applied = Applied(t, middle, v, h, motion, opened, ahead, bouncing, across, coasts=True)
         step = step._replace(q=applied.end(system, w, half)[0])
         step = project_positions(problem, applied, step, projector, nearby)
         return with_tangent_velocity(system, step, motion)
@@ -117,8 +122,8 @@ class Centered(Scheme):
     def rows_ahead(self, problem: Problem, nearby: NearbyRows, q: Array, v: Array, h: float) -> Rows:
         """Return the rows of the law of a step of length h: those that v would close within it, or nearly."""
         displacement, _ = problem.system.coast(v, h)
-        margins = near_margins(problem, self.project_positions, displacement)
-        ahead = nearby.at(problem.system.integrate(q, displacement), margins)
+        margins = near_margins(problem, self.project_positions, displacement, nearby.t - h, q, h)
+        ahead = nearby.at(problem.system.integrate(q, displacement), margins.largest)
         if self.project_positions and len(ahead.gap):
             ahead = nearby.only(joining(problem, ahead, margins, h * ahead.speeds(displacement / h)))
         return ahead

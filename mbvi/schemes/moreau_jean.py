@@ -61,10 +61,10 @@ class MoreauJean(Scheme):
         """Return the state at t + h; see `Scheme`."""
         system, end = problem.system, t + h
         before = self.timing.jump * h
+        margins = near_margins(problem, self.project_positions, before * v, t, q, h)
         t += before
         middle = system.integrate(q, before * v)
-        margins = near_margins(problem, self.project_positions, before * v)
-        active = problem.constraints.active(t, middle, problem.tolerance + margins.max())
+        active = problem.constraints.active(t, middle, problem.tolerance + margins.largest.max())
         if self.project_positions:
             active = take(active, joining(problem, active, margins, before * active.speeds(v)))
         if not active.gap.size:

@@ -49,9 +49,9 @@ class Paoli(Scheme):
     def step(self, problem: Problem, t: float, q: Array, v: Array, h: float, projector: Projector) -> Step:
         """Return the state at t + h; see `Scheme`."""
         system, drift, origin = problem.system, h * v, q
+        margins = near_margins(problem, self.project_positions, drift, t, q, h)
         t, q = t + h, system.integrate(q, drift)
-        margins = near_margins(problem, self.project_positions, drift)
-        active = problem.constraints.active(t, q, problem.tolerance + margins.max(), origin, drift)
+        active = problem.constraints.active(t, q, problem.tolerance + margins.largest.max(), origin, drift)
         if self.project_positions:
             active = take(active, joining(problem, active, margins, h * active.speeds(v)))
         if not active.gap.size:

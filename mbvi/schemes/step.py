@@ -14,6 +14,7 @@ from ..projection import FreeMotion, Projector, TreeFreeMotion
 from ..projection.positions.travel import largest_of_parts, write_bends
 from ..system import System
 from ..system.system import Array
+from .gap_bounds.reach import parts_of_bodies
 from .row_projection import project_rows, slip_rates
 
 # rates of a step without active rows
@@ -33,7 +34,7 @@ class Step(NamedTuple):
         Velocity.
     active : Rows
         The active constraints at the configuration where the law was applied; for some schemes this is within the
-        step. Their gaps are those at q, to first order.
+        step. Their gaps are those at q, to first order. With `at_end` they are those at q.
     rates : ndarray, shape (4, k)
         Of each active row the percussion, then three rates of its gap: `percussion`, `free`, `after` and `before`.
     residual : float
@@ -48,6 +49,9 @@ class Step(NamedTuple):
         Of each row what its percussions leave out of the momentum of free bodies, as a force that acts for the time of
         the step and its moment about the origin, on the body that the normal points to [N s, N m s]; see
         `positions.corrections`. None where nothing is left out; further rows have none.
+    at_end : bool
+        Whether the rows are those at the end of the step, where positions are projected, although the law of the scheme
+        may act elsewhere.
     """
 
     t: float
@@ -59,6 +63,7 @@ class Step(NamedTuple):
     slip: Array | None = None
     at_once: Callable[[Array], Array] | None = None
     correction: Array | None = None
+    at_end: bool = False
 
     @property
     def percussion(self) -> Array:
@@ -155,18 +160,56 @@ NEAR = 100.0
 _BENDS, _FARTHEST = 8.0, 0.02
 
 
-def near_margins(problem: Problem, project_positions: bool, displacement: Array) -> Array:
-    """Return how far above the activation tolerance rows may join the law after a displacement, shape (nv,) [m].
+class Margins(NamedTuple):
+    """How far above the activation tolerance rows may join the law, of each mechanism and free body [m].
 
-    Of each mechanism and free body one number, shape (parts,): a row has the larger one of its two. Which rows within
-    these margins join, `joins` decides.
+    A row has the larger one of its two. Which rows within these margins join, `joins` decides.
+
+    Attributes
+    ----------
+    still : ndarray, shape (parts,)
+        Of rows whose walls do not move along the normal.
+    largest : ndarray, shape (parts,)
+        Of the others, at least as much: walls that change their speed open gaps, too.
     """
-    part = problem.constraints.part
-    margins = np.zeros(part[-1] + 1)
-    if project_positions:
-        squares = plain_array(problem.constraints.cache.turn_squares)
-        write_margins(squares, plain_array(displacement), part, problem.tolerance, problem.length, margins)
-    return margins
+
+    still: Array
+    largest: Array
+
+
+def near_margins(
+    problem: Problem, project_positions: bool, displacement: Array, t: float, q: Array, time: float
+) -> Margins:
+    """Return how far above the activation tolerance rows may join the law after a displacement, shape (nv,).
+
+    The displacement begins at q, shape (nq,), at t; in `time`, the length of the step, walls change their speed [s].
+    """
+    constraints = problem.constraints
+    margins = np.zeros(constraints.part[-1] + 1)
+    if not project_positions:
+        return Margins(margins, margins)
+    squares = plain_array(constraints.cache.turn_squares)
+    write_margins(squares, plain_array(displacement), constraints.part, problem.tolerance, problem.length, margins)
+    if not constraints.moving:
+        return Margins(margins, margins)
+    farther = margins + _BENDS * _bends_of_walls(problem, t, q, time)
+    return Margins(margins, np.maximum(margins, np.minimum(farther, _FARTHEST * problem.length)))
+
+
+def _bends_of_walls(problem: Problem, t: float, q: Array, time: float) -> Array:
+    """Return about how far moving walls leave their tangents in a time, where each part is, shape (parts,) [m]."""
+    system, part = problem.system, problem.constraints.part
+    bodies, times = np.arange(1, len(system.bodies)), (max(t - time, problem.t0), t, t + time)
+    places = system.placements(q, bodies)[:, 3] if len(bodies) else np.zeros((1, 3))
+    changes = np.zeros(len(places))
+    for family in problem.constraints.families:
+        if family.moving:
+            # what is not finite is said where it matters
+            changes = np.fmax(changes, family.changes_of_walls(times, q, places))
+    bends = np.zeros(part[-1] + 1)
+    owners = parts_of_bodies(system, part) if len(bodies) else part
+    np.maximum.at(bends, owners, 0.5 * time * changes)
+    return bends
 
 
 @kernel("void(f8[:,::1], f8[::1], i8[::1], f8, f8, f8[::1])")
@@ -192,15 +235,21 @@ def joins(gap: float, change: float, e: float, lever: float, tolerance: float) -
     return lever * gap <= NEAR * tolerance or bent
 
 
-def joining(problem: Problem, rows: Rows, margins: Array, change: Array) -> Array:
+def joining(problem: Problem, rows: Rows, margins: Margins, change: Array) -> Array:
     """Return which rows join the law, shape (k,): those within their `near_margins` that `joins` takes.
 
-    `change`, shape (k,), is as of `joins`.
+    `change`, shape (k,), is as of `joins`. At walls that move it may also be what the walls themselves explain: where
+    their acceleration changes its sign it is not about twice the gap.
     """
-    lever = problem.constraints.levers(rows.constraint)
+    part, lever = problem.constraints.part, problem.constraints.levers(rows.constraint)
     lengths = lever * rows.gap
-    own = largest_of_parts(rows.jacobian, problem.constraints.part, margins)
+    own = largest_of_parts(rows.jacobian, part, margins.still)
     bent = np.abs(change - 2.0 * rows.gap) <= 2.5 * rows.gap
+    if rows.rate is not None and margins.largest is not margins.still:
+        largest = np.where(rows.rate != 0.0, largest_of_parts(rows.jacobian, part, margins.largest), own)
+        # at a constant speed of the wall it is as at rest
+        bent |= lever * np.abs(change) <= largest - own
+        own = largest
     bent &= (rows.restitution < 1.0) | (lever * np.abs(change) <= problem.tolerance)
     return np.asarray((lengths <= problem.tolerance + own) & (bent | (lengths <= NEAR * problem.tolerance)))
 

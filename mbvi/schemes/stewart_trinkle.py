@@ -8,6 +8,7 @@ import numpy as np
 
 from ..compiled import plain_array
 from ..constraints import Rows
+from ..constraints.carried import Place, carried_along, with_mean_rates
 from ..constraints.rows import concatenate, take
 from ..errors import UnsuitableError
 from ..problem import Problem
@@ -35,7 +36,7 @@ class StewartTrinkle(Scheme):
     v_{i+1} = argmin |w - v_i - h M^-1 g|_M subject to J w >= -max(f(q_i), 0) / h, with M, g, f and J at q_i, for the
     rows within reach; q_{i+1} = q_i + h v_{i+1} along the retraction. Where a contact penetrates, q_{i+1} = q_i + h y
     instead, where y is the same projection under J y >= -f / h. The displacement that removes penetration thus does not
-    enter the velocity.
+    enter the velocity. Walls with a prescribed motion move with their mean velocities in the step.
 
     Where e > 0, a contact that v_i closes within the step has J w >= -e J v_i instead, and open contacts that v_i does
     not close have no bound (`newton_bounds`). If w would close one of these, q_{i+1} = q_i + h y with the y nearest to
@@ -86,6 +87,7 @@ class StewartTrinkle(Scheme):
         turning = not isinstance(rows.jacobian, np.ndarray) and not lengths.all()
         allowed = RETRY_DEPTH * problem.length if projector.accepted is None else projector.accepted.depth
         velocity: RowProjection | None
+        farthest, last = np.inf, None
         for retry in range(_MOST_RETRIES + 1):
             if rows.restitution.any():
                 displacing, velocity = bouncing_velocities(
@@ -97,6 +99,10 @@ class StewartTrinkle(Scheme):
                 displacing, corrected = displacing_velocity(problem, rows, h, projector, free_motion)
                 velocity = None if corrected else displacing
             moved = h * displacing.velocity
+            if last is not None and problem.constraints.travel(moved) > farthest:
+                # a row beside a point about which bodies turn would turn them round: the guard shortens such a step
+                rows, displacing, velocity, place, gap, at_end = last
+                break
             place, gap = system.integrate(q, moved), rows.gap + h * rows.speeds(displacing.velocity)
             lever = problem.constraints.levers(rows.constraint)
             # rows deeper at the end than every known row; penetration within the tolerance is left
@@ -123,7 +129,12 @@ class StewartTrinkle(Scheme):
                     missed = _depths(problem, at_end) > allowed
             if retry == _MOST_RETRIES or not missed.any():
                 break
+            if last is None:
+                farthest = 2.0 * (problem.constraints.travel(moved) + float(depth.max()))
+            last = rows, displacing, velocity, place, gap, at_end
+            # their points are where those of the other rows are
             added = _at_earlier_time(take(at_end, missed), h)
+            added = carried_along(problem.constraints, added, Place(end, place), Place(t, q))
             rows = concatenate([rows, added._replace(gap=added.gap - h * (added.jacobian @ displacing.velocity))])
         if repaired is not None:
             place, moved, at_end = repaired
@@ -179,8 +190,8 @@ def _rows_within_reach(problem: Problem, t: float, q: Array, displacement: Array
     Rows of many bodies, which are sparse, all have the reach of the fastest one.
     """
     part, reach = problem.constraints.part, _reaches(problem, q, displacement)
-    # rows to walls with a prescribed motion are linearised in the middle of the step
-    rows = _at_earlier_time(problem.constraints.active(t + 0.5 * h, q, float(reach.max())), 0.5 * h)
+    constraints = problem.constraints
+    rows = with_mean_rates(constraints, constraints.active(t, q, float(reach.max())), t, q, h)
     if not part[-1] or np.isinf(reach).any() or not isinstance(rows.jacobian, np.ndarray):
         return rows
     of_part, near = np.zeros(part[-1] + 1), np.empty(len(rows.gap), bool)

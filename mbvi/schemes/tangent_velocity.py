@@ -11,14 +11,27 @@ import numpy as np
 
 from ..compiled import kernel, plain_array
 from ..projection import FreeMotion, TreeFreeMotion
-from ..projection.tree import factor
+from ..projection.tree import factor, tangent
 from ..projection.tree_factor import keep_equalities
 from ..system import HingedSystem, System, independent_parts, located_parts
 from ..system.free.sparse_rows import dense
+from ..system.mechanisms.loop_margin import with_equalities
 from ..system.mechanisms.mechanism import weigh
 from ..system.system import Array
 from .kernels.records import MechanismStep
 from .step import Step
+
+
+def along_equalities(motion: FreeMotion | TreeFreeMotion, v: Array) -> tuple[FreeMotion, Array, Array]:
+    """Return the parts of a free motion and of v that keep the equalities, and what the free motion has beside it.
+
+    The law is one on velocities that keep the equalities. In the middle of a step of `Centered` only the mean of both
+    velocities keeps them; where a contact and the equalities hold a body against each other, the rest of each, of
+    order h, would decide its percussions.
+    """
+    metric, free = motion.metric, motion.free
+    kept = tangent(metric, free)
+    return FreeMotion(kept, metric), tangent(metric, v), free - kept
 
 
 @kernel("b1(i8[::1], f8[::1], f8[::1], f8[:,::1], f8[::1], f8[::1], f8[::1], b1[::1])")
@@ -85,9 +98,9 @@ def with_tangent_velocity(system: System, step: Step, motion: FreeMotion | TreeF
 
     `motion` is its free motion, for the dry friction of joints.
     """
-    parts = [part.system for part in located_parts(system)]
-    if not system.equalities and not any(part.equalities for part in parts):
+    if not with_equalities(system):
         return step
+    parts = [part.system for part in located_parts(system)]
     rows, nothing, marked = step.active, np.zeros(system.nv), np.empty(system.nv, bool)
     damping = np.concatenate([np.zeros(part.nv) if part.damping is None else part.damping for part in parts])
     friction = nothing if motion.friction is None else motion.friction[: system.nv]

@@ -9,7 +9,8 @@ from .given_system import checked_system
 from .hinged import HingedSystem
 from .lagrangian import LagrangianSystem
 from .mechanisms.articulated import ArticulatedSystem
-from .system import System, independent_parts, located_parts, parts_of
+from .parts import independent_parts, parts_of
+from .system import System, located_parts
 
 __all__ = [
     "ActuatedSystem",

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from ..projection import FreeMotion, TreeFreeMotion
-from .system import Array, System, parts_of
+from .parts import parts_of
+from .system import Array, System
 
 
 class Load:
@@ -25,8 +26,8 @@ class Load:
 # methods that do not depend on forces: bound to the inner system's own, so that they cost no second call
 _FORCE_FREE = (
     "integrate", "difference", "metric", "chart_rate", "placements", "kinetic_energy", "potential_energy",
-    "separation_rows", "point_bias", "reach", "are_lengths", "unit_groups", "located_parts",
-    "notes", "coast", "share_closings",
+    "separation_rows", "point_bias", "reach", "are_lengths", "go_straight", "unit_groups", "located_parts",
+    "notes", "coast", "share_closings", "keeping",
 )  # fmt: skip
 
 

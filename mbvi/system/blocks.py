@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.sparse import csr_array
 
-from ..projection import BlockMetric, FreeMotion, TreeFreeMotion
+from ..projection import BlockMetric, FreeMotion, Metric, TreeFreeMotion
 from .free.sparse_rows import MOST_DENSE, rows_from, side_by_side
 from .system import Array, Part, System
 
@@ -67,6 +67,9 @@ class BlockSystem(System):
     def are_lengths(self) -> Array:
         return np.concatenate([part.are_lengths() for part in self.parts])
 
+    def go_straight(self) -> Array:
+        return np.concatenate([part.go_straight() for part in self.parts])
+
     def unit_groups(self) -> list[Array]:
         return [group + b.q.start for b in self.blocks for group in b.system.unit_groups()]
 
@@ -103,6 +106,11 @@ class BlockSystem(System):
 
     def centered_motion(self, t: float, q: Array, v: Array, h: float, at: Array) -> FreeMotion:
         return self._side_by_side([b.system.centered_motion(t, q[b.q], v[b.v], h, at[b.v]) for b in self.blocks])
+
+    def keeping(self, q: Array, metric: Metric) -> BlockMetric:
+        assert isinstance(metric, BlockMetric)
+        parts = zip(self.blocks, metric.parts, strict=True)
+        return BlockMetric([b.system.keeping(q[b.q], part) for b, part in parts], self._slices)
 
     def _side_by_side(self, parts: list[FreeMotion | TreeFreeMotion]) -> FreeMotion:
         free = np.concatenate([part.free for part in parts])

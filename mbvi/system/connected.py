@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..projection import FreeMotion, TreeMetric, in_flight
+from ..projection import FreeMotion, Metric, TreeMetric, in_flight
 from .actuated import ActuatedSystem
 from .blocks import BlockSystem
 from .mechanisms.articulated import ArticulatedSystem
@@ -21,8 +21,8 @@ _MOST = 600
 # what does not depend on forces and equalities is that of the systems
 _THEIRS = (
     "difference", "chart_rate", "placements", "kinetic_energy", "potential_energy", "separation_rows", "point_bias",
-    "reach", "are_lengths", "unit_groups", "located_parts", "start", "torque", "force", "added_acceleration", "notes",
-    "coast",
+    "reach", "are_lengths", "go_straight", "unit_groups", "located_parts", "start", "torque", "force",
+    "added_acceleration", "notes", "coast",
 )  # fmt: skip
 
 
@@ -86,6 +86,9 @@ class ConnectedSystem(System):
 
     def tangent(self, q: Array, v: Array) -> Array:
         return self.metric(q).tangent(v)
+
+    def keeping(self, q: Array, metric: Metric) -> Metric:
+        return self.whole.keeping(q, metric)
 
     def integrate(self, q: Array, dv: Array) -> Array:
         return self.whole.integrate(q, dv).copy()

@@ -8,7 +8,8 @@ from contextlib import contextmanager
 from .actuators import Actuators
 from .controls import ConstantTorque
 from .hinged import HingedSystem
-from .system import Array, System, parts_of
+from .parts import parts_of
+from .system import Array, System
 
 
 class Settings:

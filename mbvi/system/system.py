@@ -154,6 +154,10 @@ class System:
                 new[here] = part.system.tangent(q[part.q : part.q + part.system.nq], v[here])
         return new
 
+    def keeping(self, q: Array, metric: Metric) -> Metric:
+        """Return the metric M found elsewhere on the velocities that keep the equalities at q."""
+        return metric
+
     def coupled(self) -> list[Array]:
         """Return of each equality between parts the velocities that it couples, shape (k,) of int."""
         return []
@@ -192,6 +196,10 @@ class System:
     def are_lengths(self) -> Array:
         """Return which velocities are those of lengths and not of angles, shape (nv,) of bool; unknown ones count."""
         return np.ones(self.nv, bool)
+
+    def go_straight(self) -> Array:
+        """Return which velocities move bodies along the same direction of the world for ever, shape (nv,) of bool."""
+        return np.zeros(self.nv, bool)
 
     def unit_groups(self) -> list[Array]:
         """Return the indices in q of unit quaternions and unit vectors, shapes (n, 4) and (n, 2)."""
@@ -338,22 +346,3 @@ class System:
 def located_parts(system: System) -> list[Part]:
     """Return the mechanisms, bodies and spheres that a system consists of, with where each begins."""
     return system.located_parts()
-
-
-def parts_of(system: System) -> tuple[System, ...]:
-    """Return the mechanisms, bodies and spheres that a system consists of, in the order of q and v."""
-    return tuple(part.system for part in system.located_parts())
-
-
-def independent_parts(system: System) -> Array:
-    """Return which mechanism, free body or group of these each velocity belongs to, shape (nv,), the last largest."""
-    parts, count = [], 0
-    for one in parts_of(system):
-        bodies = one.independent_bodies
-        parts.append(count + np.repeat(np.arange(bodies), one.nv // bodies))
-        count += bodies
-    found = np.concatenate(parts)
-    for columns in system.coupled():
-        # what equalities connect does not move independently
-        found[np.isin(found, found[columns])] = found[columns].max()
-    return found

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from mbvi.arguments.bar import Bar
 from mbvi.cli.help_texts import examples
 from mbvi.errors import InputError
 
@@ -48,6 +47,8 @@ def stress(
 ) -> None:
     """Run the scenes where methods fail, over schemes and steps."""
     # imported here because it is slow: scenes compute their exact solutions
+    from mbvi.arguments.bar import Bar
+
     from ..stress.files import read_cells, replaced, write_cells
     from ..stress.sweep import SCHEMES, sweep
 
@@ -87,6 +88,8 @@ def _chosen(parts: Sequence[str], long: bool) -> list[StressScene]:
 
 
 def _peers(scenes: Sequence[StressScene], steps: Sequence[float], budget: float) -> list[Cell]:
+    from mbvi.arguments.bar import Bar
+
     from ..engines import PEERS
     from ..stress.peers import sweep_peer
 

@@ -14,9 +14,10 @@ import pinocchio as pin
 from mujoco import rollout
 
 from mbvi.arguments import Array
+from mbvi.built_scene import BuiltScene
 from mbvi.errors import InputError
 from mbvi.geometry.shapes.shapes import Box, Capsule, Cylinder, Ellipsoid, Hull, PlacedShape, Sphere
-from mbvi.problem import BuiltScene, Problem
+from mbvi.problem import Problem
 from mbvi.scene.items import SurfaceItem
 from mbvi.system import ArticulatedSystem
 from mbvi.system.mechanisms.articulated import Control

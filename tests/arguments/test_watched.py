@@ -44,7 +44,7 @@ scene.add_sphere(0.1, position=(0, 0, 0.5))
 run = mbvi.simulate(scene.build(), mbvi.Paoli(), step=1e-3, duration=0.1, progress=True)
 run.replay_html("replay.html")
 run.energies()
-main(["inspect", "robot:hopper"])
+main(["simulate", "robot:hopper", "--step", "1e-2", "--duration", "0.1"])
 """
 
 

@@ -208,7 +208,7 @@ def test_an_interrupted_run_leaves_its_file(command, monkeypatch):
     def interrupt(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("mbvi.run.recorder.Recorder.impact", interrupt)
+    monkeypatch.setattr("mbvi.run.recording.recorder.Recorder.impact", interrupt)
     code, out, err = command("simulate", HOPPER, "--height", 0.01, "--out", "run.h5")
     assert (code, err) == (130, "mbvi: interrupted\n") and "run.h5 (interrupted at t = " in out
     code, out, _ = command("replay", "run.h5", "--html", "run.html")

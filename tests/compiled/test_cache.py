@@ -376,6 +376,11 @@ def small_cache(tmp_path, monkeypatch):
     return tmp_path
 
 
+def records_of_mbvi(caplog):
+    """What mbvi has said; other libraries log from threads of their own whenever the machine is slow."""
+    return [record for record in caplog.records if record.name.startswith("mbvi")]
+
+
 def flipped(data, k):
     return data[:k] + bytes([data[k] ^ 0x10]) + data[k + 1 :]
 
@@ -400,7 +405,7 @@ def test_a_damaged_file_is_named_and_its_kernel_compiled_again(small_cache, dama
     kernel, new = small_kernel(small_cache)
     assert new
     assert not small_kernel(small_cache)[1]
-    assert not caplog.records
+    assert not records_of_mbvi(caplog)
     files = [file for kind in kinds for file in entries(small_cache, kind)]
     assert len(files) == len(kinds)
     if function_too:
@@ -419,7 +424,7 @@ def test_a_damaged_file_is_named_and_its_kernel_compiled_again(small_cache, dama
     caplog.clear()
     last, _ = small_kernel(small_cache)
     assert sum(last.stats.cache_hits.values()) == 1
-    assert not caplog.records
+    assert not records_of_mbvi(caplog)
 
 
 def test_a_folder_in_the_place_of_a_file_does_not_stop_a_run(small_cache, caplog):

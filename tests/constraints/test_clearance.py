@@ -39,7 +39,7 @@ def test_no_row_is_missed_however_the_tolerance_changes(seed):
         m = rows.size[0]
         np.testing.assert_array_equal(rows.number[:m], every.constraint)
         np.testing.assert_allclose(rows.gap[:m], every.gap, rtol=0.0, atol=1e-12)
-        distance = family.pair_gap(0.0, q, np.arange(family.size))
+        distance = family.nearest_of(0.0, q, np.arange(family.size))[0]
         way = np.array([way_of(pairs, cache.travel[cache.slot[cache.kind == PAIRS][0]], k) for k in range(family.size)])
         assert (pairs.clearance - way <= distance + 1e-12).all()
         number += m

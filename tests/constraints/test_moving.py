@@ -1,7 +1,5 @@
 """Walls with a prescribed motion, against exact solutions and the laws of a change of frame."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 from hypothesis import Phase, given, settings
@@ -9,6 +7,7 @@ from hypothesis import strategies as st
 
 import mbvi
 from mbvi.geometry.motion import Oscillation, Rotation, Translation
+from support.shaken_table import Table
 
 G = 9.81
 SCHEMES = {
@@ -18,23 +17,6 @@ SCHEMES = {
     "Centered": (mbvi.Centered(), 1.0),
     "Schatzman-Paoli": (mbvi.SchatzmanPaoli(), 2.0),
 }
-
-
-@dataclasses.dataclass
-class Table:
-    """q >= a sin(w t)."""
-
-    a: float
-    w: float
-
-    def gap(self, t, q):
-        return q[:1] - self.a * np.sin(self.w * t)
-
-    def gradient(self, t, q):
-        return np.ones((1, 1))
-
-    def rate(self, t, q):
-        return np.array([-self.a * self.w * np.cos(self.w * t)])
 
 
 ALL = {name: scheme for name, (scheme, _) in SCHEMES.items()} | {"Stewart-Trinkle": mbvi.StewartTrinkle()}

@@ -62,10 +62,26 @@ def largest_patch(normals, gaps):
     return most
 
 
+def most_near_rows(problem, scheme, noise):
+    """Run, and look at what is pressed, what touches, and what is near; return the most rows of one state."""
+    run, most = mbvi.simulate(problem, scheme, step=2e-3, duration=0.1, record="contacts", progress=False), 0
+    for t, q in list(zip(run.t, run.q, strict=True))[1::5]:
+        pressed = run.contacts(t)
+        if pressed:
+            assert largest_patch(np.array([c.normal for c in pressed]), np.zeros(len(pressed))) <= MOST
+        for reach in (1e-9, 2e-3):
+            rows = problem.constraints.active(t, q, reach)
+            if rows is not None and len(rows.gap):
+                assert largest_patch(rows.normal, rows.gap) <= MOST
+                most = max(most, len(rows.gap))
+                # on nearly level ground all of it is one patch
+                assert noise > 1e-4 or len(rows.gap) <= MOST
+    return most
+
+
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("scheme", SCHEMES, ids=repr)
-def test_no_patch_of_terrain_has_more_than_eight_rows(kind, scheme):
-    seen = 0
+def test_no_patch_of_terrain_has_more_than_eight_rows(kind):
+    seen = np.zeros(len(SCHEMES))
     for noise in (0.0, 1e-9, 1e-6, 1e-4, 1e-3, 5e-3):
         for case in range(4):
             rng = np.random.default_rng([KINDS.index(kind), case])
@@ -73,20 +89,8 @@ def test_no_patch_of_terrain_has_more_than_eight_rows(kind, scheme):
             add_ground(scene, rng, noise, grid=bool(case % 2))
             add_body(scene, kind, rng, case == 1, (0.8, 0.3, -0.5))
             problem = scene.build(resolve=True)
-            run = mbvi.simulate(problem, scheme, step=2e-3, duration=0.1, record="contacts", progress=False)
-            for t, q in list(zip(run.t, run.q, strict=True))[1::5]:
-                # what is pressed, what touches, and what is near
-                pressed = run.contacts(t)
-                if pressed:
-                    assert largest_patch(np.array([c.normal for c in pressed]), np.zeros(len(pressed))) <= MOST
-                for reach in (1e-9, 2e-3):
-                    rows = problem.constraints.active(t, q, reach)
-                    if rows is not None and len(rows.gap):
-                        assert largest_patch(rows.normal, rows.gap) <= MOST
-                        seen = max(seen, len(rows.gap))
-                        # on nearly level ground all of it is one patch
-                        assert noise > 1e-4 or len(rows.gap) <= MOST
-    assert seen >= (1 if kind == "ball" else 3)
+            seen = np.maximum(seen, [most_near_rows(problem, scheme, noise) for scheme in SCHEMES])
+    assert seen.min() >= (1 if kind == "ball" else 3)
 
 
 @pytest.mark.parametrize("grid", [True, False])

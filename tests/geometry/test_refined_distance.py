@@ -10,6 +10,7 @@ from scipy.optimize import brentq, minimize
 
 from mbvi.geometry.broad.separating_axis import SeparatingAxes
 from mbvi.geometry.narrow import refined_distance
+from mbvi.geometry.narrow.pair_distances import distances_from_axes
 from mbvi.geometry.narrow.refined_distance import FAILED, FLAT, UNIQUE
 from mbvi.geometry.shapes.shape_table import ShapeTable
 from mbvi.geometry.shapes.shapes import Box, Capsule, Cylinder, Ellipsoid, PlacedShape, Sphere
@@ -182,3 +183,28 @@ def test_boxes_that_turned_about_a_common_edge_direction(exponent, gap, side, wi
         assert result == FLAT
         assert distance == pytest.approx(gap, abs=1e-14)
         np.testing.assert_allclose(normal, up, atol=1e-12)
+
+
+@pytest.mark.parametrize("gap", [0.3, 0.0, -0.01])
+@pytest.mark.parametrize("lies", [False, True], ids=["upright", "lying"])
+def test_the_point_between_parallel_faces_and_edges_is_one_of_them(lies, gap):
+    radius, length = 0.2, 0.5
+    turn = rotation_about_x(0.5 * np.pi) if lies else np.eye(3)
+    height = 0.1 + gap + (radius if lies else 0.5 * length)
+    shapes = Box((1.0, 1.0, 0.2)), Cylinder(radius, length)
+    axes, places = placed(*shapes, (np.eye(3), np.zeros(3)), (turn, np.array([0.4, 0.1, height])))
+    distance, normal, middle, state = np.empty(1), np.empty((1, 3)), np.full((1, 3), np.nan), np.empty(1, np.int64)
+    bound = np.array([min(shape.bound for shape in shapes)])
+    distances_from_axes(places, axes.tables, bound, np.array([0]), axes.axis, np.inf, distance, normal, middle, state)
+    assert state[0] == FLAT and distance[0] == pytest.approx(gap, abs=1e-15)
+    np.testing.assert_allclose(normal[0], (0.0, 0.0, 1.0), rtol=0, atol=1e-15)
+    x, y, z = middle[0]
+    assert z == pytest.approx(0.1 + 0.5 * gap, abs=1e-14)
+    assert abs(x) <= 0.5 and abs(y) <= 0.5
+    x, y = x - 0.4, y - 0.1
+    assert (abs(x) < 1e-8 and abs(y) <= 0.5 * length) if lies else x**2 + y**2 <= radius**2
+
+
+def rotation_about_x(angle):
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 import mbvi
 from mbvi import surfaces
-from mbvi.geometry.at_meshes.mesh_contacts import near_triangles
+from mbvi.geometry.at_meshes.near_triangles import near_triangles, still_near
 from mbvi.geometry.meshes.triangles import FEW, Surface
 from support.plain.triangles import mesh_contacts_plain, mesh_distances_plain, nearest_on_triangles
 
@@ -156,7 +156,7 @@ def test_contacts_are_those_of_a_look_at_every_triangle(seed):
         out = np.zeros(99999, int), np.zeros(99999), np.zeros((99999, 3)), np.zeros((99999, 3))
         reach = radii + tolerance + 1e-12
         count, _ = mesh_contacts_plain(
-            *sheet, surface.features, surface.sharers, both, centres, radii, reach, tolerance, 0.5, *[None] * 5, *out
+            *sheet, surface.features, surface.sharers, both, centres, radii, reach, tolerance, 0.5, *[None] * 7, *out
         )
         found = family.contacts(0.0, q, tolerance)
         for part, name in zip(out, ("constraint", "gap", "point", "normal"), strict=True):
@@ -179,22 +179,50 @@ def test_each_box_holds_its_halves_and_its_triangles_and_each_triangle_is_in_one
 
 
 def looked_at(surface, monkeypatch):
-    """How many triangles a search near one point of a mesh measures."""
+    """How many triangles a search near one point of a mesh looks at."""
     centres, count = np.array([[0.3, 0.2, 0.05]]), 0
-    measure = near_triangles.loops.__globals__["nearest_on_triangle"]
+    measure = near_triangles.loops.__globals__["add_near"]
 
     def counting(*arguments):
         nonlocal count
         count += 1
         return measure(*arguments)
 
-    monkeypatch.setitem(near_triangles.loops.__globals__, "nearest_on_triangle", counting)
+    monkeypatch.setitem(near_triangles.loops.__globals__, "add_near", counting)
     outs = np.zeros(99, int), np.zeros(99, int), np.zeros(99), np.zeros((99, 3)), np.zeros(99, int)
     tree = surface.vertices, surface.triangles, *surface.tree
     found = near_triangles.loops(*tree, surface.features, centres, 0, 0.051, *outs)
-    monkeypatch.setitem(near_triangles.loops.__globals__, "nearest_on_triangle", measure)
+    monkeypatch.setitem(near_triangles.loops.__globals__, "add_near", measure)
     assert found >= 1
     return count
+
+
+@pytest.mark.parametrize(("count", "swift"), [(30, 0.01), (30, 0.3), (3000, 0.01), (3000, 0.1)])
+def test_listed_triangles_are_those_of_the_tree(count, swift):
+    """Along random walks with changing reaches, also where more are near than are listed, and beyond the room."""
+    rng = np.random.default_rng(count)
+    surface = soup(rng, count)
+    tree = *(surface.vertices, surface.triangles, *surface.tree), surface.features
+    listed, about, centres = np.zeros((3, 33), int), np.zeros((3, 4)), rng.uniform(-1, 1, (3, 3))
+    used = 0
+    for _ in range(400):
+        centres += rng.uniform(-swift, swift, centres.shape) * 0.3
+        for i in range(len(centres)):
+            reach, known = float(rng.choice([0.1, 0.12, 0.3])), about[i].copy()
+            ours, theirs = (
+                (np.zeros(900, int), np.zeros(900, int), np.zeros(900), np.zeros((900, 3)), np.zeros(900, int))
+                for _ in range(2)
+            )
+            found = still_near(*tree, centres, i, reach, listed, about, *ours)
+            assert near_triangles(*tree, centres, i, reach, *theirs) == found
+            one, other = np.argsort(ours[0][:found]), np.argsort(theirs[0][:found])
+            for mine, their in zip(ours[:4], theirs[:4], strict=True):
+                np.testing.assert_array_equal(mine[one], their[other])
+            np.testing.assert_array_equal(ours[4][:found], np.arange(found))
+            used += (about[i] == known).all() and listed[i, 0] < 33
+    # slow walks among few triangles look at the tree seldom
+    if swift == 0.01 and count == 30:
+        assert used > 600
 
 
 def test_a_search_measures_few_triangles_however_many_there_are(monkeypatch):

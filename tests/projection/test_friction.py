@@ -210,3 +210,14 @@ def test_an_open_contact_without_friction_and_without_tangents_is_solved(rng):
     np.testing.assert_allclose(found.velocity, [0.3, 0.0, 0.0, 0.0], atol=1e-15)
     assert found.residual <= 1e-12
     assert coulomb_defect(np.array([0.3, 0.0, 0.0]), np.zeros(3), np.zeros(1)) == 0.0
+
+
+def test_percussions_so_large_that_rounding_hides_the_velocity_are_no_solution():
+    """One joint: where friction turns it more than the normal does, no percussion makes it part; nor may 1e15 N s."""
+    rng = np.random.default_rng(0)
+    for _ in range(2000):
+        normal, along = rng.uniform(0.3, 1.0), rng.uniform(0.5, 2.0)
+        mu, speed = rng.uniform(1.01, 3.0) * normal / along, rng.uniform(0.1, 1.0)
+        J, lower = np.array([[normal], [along], [0.0]]), np.array([0.5 * normal * speed, 0.0, 0.0])
+        with pytest.raises(mbvi.ProjectionError):
+            project_frictional(np.array([-speed]), DenseMetric(np.eye(1)), J, lower, np.array([mu]), 1e-6)

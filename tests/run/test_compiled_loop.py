@@ -13,7 +13,7 @@ from mbvi.run.accuracy import projector_of
 from mbvi.run.fixed_steps import taking
 from mbvi.run.loop import compiled_loop
 from mbvi.run.loop.compiled_loop import Patience
-from mbvi.run.recorder import Recorder
+from mbvi.run.recording.recorder import Recorder
 from mbvi.run.sleeping import Sleepers
 from mbvi.run.tunnelling import TunnellingGuard
 from mbvi.schemes import Step, stewart_trinkle
@@ -85,22 +85,24 @@ def same_bytes(run, other):
 # one step
 
 
-def steps_of_the_loop(problem, scheme, run):
-    """Yield the state after one step of the loop from each state of a run, None where it leaves the step to Python."""
-    count = len(run.t) - 1
+def step_of_the_loop(problem, scheme, start):
+    """Return a function that takes one step of the loop from a state: None where it leaves the step to Python."""
     problem.system.start()
     projector, _ = projector_of(problem, scheme, None, None, None)
     recorder, guard = Recorder(problem, 2, scheme.timing), TunnellingGuard(problem, scheme, STEP)
     loop = taking.compiled_loop(problem, scheme, projector, recorder, guard, STEP, 10**9, 10**9)
-    none = problem.constraints.active(run.t[0], run.q[0], problem.tolerance)
-    for i in range(count):
+    none = problem.constraints.active(*start, problem.tolerance)
+
+    def take(i, t, q, v):
         # a run leaves out attempts of the loop after several that took no step
         loop._patience = Patience()
-        state, done, _ = loop.run(Step(run.t[i], run.q[i], run.v[i], none, NO_RATES, 0.0), i, i + 1)
+        state, done, _ = loop.run(Step(t, q, v, none, NO_RATES, 0.0), i, i + 1)
         if done == i:
             # what is left to Python is taken by it, as in a run
-            scheme.step(problem, problem.t0 + i * STEP, run.q[i], run.v[i], STEP, projector)
-        yield state if done == i + 1 else None
+            scheme.step(problem, problem.t0 + i * STEP, q, v, STEP, projector)
+        return state if done == i + 1 else None
+
+    return take
 
 
 def spread_by_rounding(problem, scheme, t, q, v, step):
@@ -117,22 +119,27 @@ def spread_by_rounding(problem, scheme, t, q, v, step):
 def steps_that_agree(problem, scheme, steps, disturbance=0.0, spread=0.0, run=None):
     """Compare single steps from states; yield those of the scheme, None where the loop leaves one to it.
 
-    The states are those of a run, given or new, each coordinate disturbed by some `disturbance` [m or rad]. Where
-    Coulomb's law may have several answers, velocities may differ by `spread`, relative to the largest: by so much they
-    differ from other starts, too; or by a few times what rounding of the state makes of the scheme's own step.
+    The states are those of a given run, or those that the compared steps of the scheme lead to, or those of a new run,
+    each coordinate disturbed by some `disturbance` [m or rad]. Where Coulomb's law may have several answers, velocities
+    may differ by `spread`, relative to the largest: by so much they differ from other starts, too; or by a few times
+    what rounding of the state makes of the scheme's own step.
     """
-    if run is None:
+    if disturbance:
         with pytest.MonkeyPatch.context() as patched:
             run = by_python(patched, problem, scheme, step=STEP, duration=steps * STEP)
-    if disturbance:
         moves = disturbance * np.random.default_rng(0).normal(size=run.v.shape)
         q = np.array([problem.system.integrate(*pair) for pair in zip(run.q, moves, strict=True)])
         run = States(run.t, q, run.v)
     other = copied(problem)
     other.system.start()
     projector, _ = projector_of(other, scheme, None, None, None)
-    for i, state in enumerate(steps_of_the_loop(copied(problem), scheme, run)):
-        step = scheme.step(other, problem.t0 + i * STEP, run.q[i], run.v[i], STEP, projector)
+    t, q, v = (problem.t0, problem.q0, problem.v0) if run is None else (run.t[0], run.q[0], run.v[0])
+    take = step_of_the_loop(copied(problem), scheme, (t, q))
+    for i in range(steps if run is None else len(run.t) - 1):
+        if run is not None:
+            t, q, v = run.t[i], run.q[i], run.v[i]
+        state = take(i, t, q, v)
+        step = scheme.step(other, problem.t0 + i * STEP, q, v, STEP, projector)
         if state is not None:
             may_differ = step.slip is not None and not projector.friction.start.unique
             least = max(spread, 1e-12) if may_differ else 1e-12
@@ -140,7 +147,7 @@ def steps_that_agree(problem, scheme, steps, disturbance=0.0, spread=0.0, run=No
             # position projections of kernels and of Python round in different orders
             rounds = may_differ or scheme.project_positions
             if rounds and np.abs(state.v - step.v).max() > least * largest:
-                least = max(least, 10.0 * spread_by_rounding(other, scheme, step.t - STEP, run.q[i], run.v[i], step))
+                least = max(least, 10.0 * spread_by_rounding(other, scheme, step.t - STEP, q, v, step))
             scale = least * largest
             np.testing.assert_allclose(state.q, step.q, rtol=0.0, atol=scale, err_msg=f"step {i}")
             np.testing.assert_allclose(state.v, step.v, rtol=0.0, atol=scale, err_msg=f"step {i}")
@@ -162,6 +169,7 @@ def steps_that_agree(problem, scheme, steps, disturbance=0.0, spread=0.0, run=No
             if step.slip is not None:
                 np.testing.assert_allclose(state.slip[unique:], step.slip[unique:], rtol=0.0, atol=1e-11 * most)
         yield None if state is None else step
+        t, q, v = problem.t0 + (i + 1) * STEP, step.q, step.v
 
 
 def share_that_agrees(problem, scheme, steps, spread=0.0):
@@ -250,7 +258,7 @@ def test_a_step_of_a_robot_of_hulls_on_rubble_is_that_of_the_scheme(scheme):
 
 @pytest.mark.parametrize("e", [0.0, 0.4])
 @pytest.mark.parametrize("scheme", SCHEMES, ids=repr)
-def test_a_step_on_several_meshes_is_that_of_the_scheme(scheme, e):
+def test_a_step_on_several_meshes_is_that_of_the_scheme(scheme, e, monkeypatch):
     """A box lies across two fields, and a ball and a capsule go from a field to a roof, one of them too fast."""
     scene = mbvi.Scene(restitution=e, friction=0.4)
     rng = np.random.default_rng(5)
@@ -262,7 +270,10 @@ def test_a_step_on_several_meshes_is_that_of_the_scheme(scheme, e):
     scene.add_box((0.5, 0.2, 0.1), position=(0.0, 0, 0.15), rotation=(0.1, 0.2, 0.0), name="box")
     scene.add_sphere(0.1, position=(-0.5, 0.6, 0.2), velocity=(2.0, 1.0, 0.0), name="ball")
     scene.add_capsule(0.04, 0.2, position=(0.8, 0.3, 0.4), velocity=(-1.0, 1.0, -60.0), name="capsule")
-    taken = [step is not None for step in steps_that_agree(scene.build(), scheme, 300, spread=SPREAD)]
+    problem = scene.build()
+    # in which the fast one is stopped
+    run = by_python(monkeypatch, problem, scheme, step=STEP, duration=300 * STEP)
+    taken = [step is not None for step in steps_that_agree(problem, scheme, 300, spread=SPREAD, run=run)]
     assert np.mean(taken) > 0.9
 
 
@@ -342,8 +353,7 @@ def test_a_step_that_removes_penetration_by_its_displacement_is_that_of_the_sche
     found, compute = [], where.displacing_velocity
     monkeypatch.setattr(where, "displacing_velocity", lambda *args: found.append(compute(*args)) or found[-1])
     assert None not in list(steps_that_agree(swaying(e, mu), mbvi.StewartTrinkle(), 200))
-    # in the run by Python, and in the steps that are compared
-    assert sum(removes for _, removes in found) >= 100
+    assert sum(removes for _, removes in found) >= 50
 
 
 def test_contacts_deep_or_without_a_row_at_the_end_of_a_step_are_left_to_python():

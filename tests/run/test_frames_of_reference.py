@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import mbvi
-from mbvi.constraints.carried import Place, carried
+from mbvi.constraints.carried import Place, carried, with_mean_rates
 from mbvi.run.fixed_steps import taking
 from support.paths import ROBOTS
 
@@ -18,6 +18,8 @@ SCHEMES = {
     "MoreauJean": mbvi.MoreauJean(),
     "SchatzmanPaoli": mbvi.SchatzmanPaoli(),
     "Centered": mbvi.Centered(),
+    "Centered, projected": mbvi.Centered(project_positions=True),
+    "StewartTrinkle": mbvi.StewartTrinkle(),
 }
 
 
@@ -76,22 +78,17 @@ def test_scenes_that_move_as_a_whole_have_the_impacts_of_those_at_rest(name, flo
     same_impacts([run_of(tower(v, 0.3 * (seed % 2), seed, floor), SCHEMES[name]) for v in VELOCITIES])
 
 
-# with Centered a contact of the end of a step may have no counterpart in its middle
-MOVING = SCHEMES | {
-    "Centered, projected": mbvi.Centered(project_positions=True),
-    "StewartTrinkle": mbvi.StewartTrinkle(),
-}
-
-
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("floor", [False, True])
 @pytest.mark.parametrize(
-    ("name", "friction"), [(one, mu) for one in MOVING for mu in (0.0, 0.3) if mu == 0.0 or one != "SchatzmanPaoli"]
+    ("name", "friction"), [(one, mu) for one in SCHEMES for mu in (0.0, 0.3) if mu == 0.0 or one != "SchatzmanPaoli"]
 )
 def test_scenes_that_move_as_a_whole_move_as_those_at_rest(name, floor, seed, friction):
     places = []
     for velocity in VELOCITIES:
-        run = run_of(tower(velocity, 0.3 * (seed % 2) if friction == 0.0 else 0.0, seed, floor, friction), MOVING[name])
+        run = run_of(
+            tower(velocity, 0.3 * (seed % 2) if friction == 0.0 else 0.0, seed, floor, friction), SCHEMES[name]
+        )
         # centres of the box, the capsule and the ball
         centres = np.stack([run.q[:, k : k + 3] for k in (0, 7, 14)], axis=1)
         places.append(centres - np.outer(run.t, velocity)[:, None])
@@ -99,25 +96,95 @@ def test_scenes_that_move_as_a_whole_move_as_those_at_rest(name, floor, seed, fr
         np.testing.assert_allclose(place, places[0], rtol=0.0, atol=1e-9)
 
 
+@pytest.mark.parametrize("ground", ["fields", "boxes"])
+@pytest.mark.parametrize("name", SCHEMES)
+def test_a_box_slides_from_one_ground_onto_the_next_also_where_both_move(name, ground):
+    places = []
+    for velocity in [(0.0, 0.0, 0.0), (0.0, 0.0, 0.2), (0.4, -0.3, 0.2)]:
+        scene, motion = mbvi.Scene(), mbvi.motion.Translation(velocity)
+        if ground == "fields":
+            scene.add_heightfield(np.zeros((3, 3)), size=(2.0, 1.75), position=(0.375, 0.0, 0.0), motion=motion)
+        else:
+            scene.add_box((2.0, 1.75, 0.1), position=(0.375, 0.0, -0.05), motion=motion)
+        scene.add_heightfield(np.zeros((3, 3)), size=(1.0, 1.75), position=(-1.125, 0.0, 0.0), motion=motion)
+        turn, own = Rotation.from_euler("z", 0.3).as_matrix(), np.array([-1.9, 0.5, 0.0]) + velocity
+        scene.add_box((0.2, 0.3, 0.1), position=(0.02, 0.01, 0.05), rotation=turn, mass=1.0, velocity=own)
+        run = mbvi.simulate(scene.build(), SCHEMES[name], step=2e-3, duration=0.4, progress=False)
+        assert not run.impacts
+        places.append(run.q[:, :3] - np.outer(run.t, velocity))
+    # the box has passed the rim
+    assert places[0][-1, 0] < -0.7
+    for place in places[1:]:
+        np.testing.assert_allclose(place, places[0], rtol=0.0, atol=1e-9)
+
+
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("floor", [False, True])
-@pytest.mark.parametrize("name", ["Paoli", "MoreauJean", "Centered"])
+@pytest.mark.parametrize("name", [name for name in SCHEMES if name != "SchatzmanPaoli"])
 def test_the_same_with_friction(name, floor, seed):
     same_impacts([run_of(tower(v, 0.0, seed, floor, friction=0.3), SCHEMES[name]) for v in VELOCITIES])
 
 
-def test_the_loop_and_steps_of_python_record_the_same_where_few_states_are_kept():
+@pytest.mark.parametrize("name", ["Paoli", "Centered, projected"])
+def test_the_loop_and_steps_of_python_record_the_same_where_few_states_are_kept(name):
     """The loop keeps the states between recorded ones for its impacts alone."""
     for velocity in VELOCITIES[:2]:
-        problem = tower(velocity, 0.0, 0, True)
+        problem, scheme = tower(velocity, 0.0, 1), SCHEMES[name]
         runs = [
-            mbvi.simulate(problem, mbvi.Paoli(), step=STEP, duration=DURATION, every=every, progress=False)
+            mbvi.simulate(problem, scheme, step=STEP, duration=DURATION, every=every, progress=False)
             for every in (1, 7)
         ]
         with pytest.MonkeyPatch.context() as patched:
             patched.setattr(taking, "compiled_loop", lambda *_: None)
-            runs.append(run_of(problem, mbvi.Paoli()))
+            runs.append(run_of(problem, scheme))
         same_impacts(runs)
+
+
+def listed(contacts):
+    """Return names and percussions of contacts, in their order."""
+    return sorted((one.name, round(float(one.percussion), 5)) for one in contacts)
+
+
+@pytest.mark.parametrize("name", ["Paoli", "Centered, projected", "Adaptive", "Simulator"])
+def test_contacts_that_last_are_the_same_between_recorded_states(name):
+    """Those of two boxes, one upon the other, which a floor carries on by more than their size."""
+    found = []
+    for speed in (0.0, 4.0, 40.0):
+        scene, velocity = mbvi.Scene(friction=0.3), (speed, 0.0, 0.0)
+        scene.add_halfspace((0, 0, 1), name="floor", motion=mbvi.motion.Translation(velocity))
+        for size, place in [((0.2, 0.2, 0.1), (0, 0, 0.05)), ((0.16, 0.16, 0.1), (0.01, 0, 0.15))]:
+            scene.add_box(size, mass=1.0, position=place, velocity=velocity)
+        problem = scene.build()
+        if name == "Simulator":
+            simulator = mbvi.Simulator(problem, mbvi.Adaptive(1e-4), step=0.1)
+            simulator.step(3)
+            found.append([listed(simulator.contacts)])
+            continue
+        scheme, steps = (mbvi.Adaptive(1e-4), {"every": 5}) if name == "Adaptive" else (SCHEMES[name], {"every": 100})
+        steps |= {} if name == "Adaptive" else {"step": 1e-3}
+        run = mbvi.simulate(problem, scheme, duration=0.4, record="contacts", progress=False, **steps)
+        found.append([listed(run.contacts(t)) for t in run.t[1:]])
+    assert all(len(one) == 8 for one in found[0])
+    for other in found[1:]:
+        for one, two in zip(other, found[0], strict=True):
+            assert [name for name, _ in one] == [name for name, _ in two]
+            np.testing.assert_allclose([p for _, p in one], [p for _, p in two], atol=1e-3)
+
+
+def test_contacts_of_a_load_on_a_plate_that_slides_are_the_same_between_recorded_states():
+    """The compiled loop takes the steps; the plate slides on a floor at rest by more than its size."""
+    scene = mbvi.Scene(friction=0.3)
+    scene.add_halfspace((0, 0, 1), name="floor")
+    scene.add_box((0.2, 0.2, 0.1), mass=1.0, position=(0, 0, 0.05), velocity=(4.0, 0, 0), name="plate")
+    scene.add_box((0.16, 0.16, 0.1), mass=1.0, position=(0.01, 0, 0.15), velocity=(4.0, 0, 0), name="load")
+    scene.set_friction("plate", "floor", 0.0)
+    run = mbvi.simulate(
+        scene.build(), mbvi.Paoli(), step=1e-3, duration=0.4, record="contacts", every=100, progress=False
+    )
+    np.testing.assert_allclose(run.q[-1, [0, 7]], [1.6, 1.61], atol=1e-6)
+    for t in run.t[1:]:
+        assert [one.name for one in run.contacts(t)].count("plate | floor") == 4
+        assert len(run.contacts(t)) == 8
 
 
 class Turntable:
@@ -158,6 +225,43 @@ def test_points_are_carried_as_their_bodies_move():
         np.testing.assert_allclose(sorted(found[:, k].tolist()), sorted(np.array(expected).tolist()), atol=1e-13)
         seen.update(sides)
     assert seen == set(old)
+
+
+def test_walls_have_their_mean_velocities_in_a_step():
+    scene, h = mbvi.Scene(friction=(0.3, 0.01, 0.01)), 1e-3
+    scene.add_halfspace((0, 0, 1), name="table", motion=Turntable())
+    scene.add_sphere(0.1, position=(0.4, 0.3, 0.1))
+    problem = scene.build()
+    rows = problem.constraints.active(0.0, problem.q0, 0.01)
+    found = with_mean_rates(problem.constraints, rows, 0.0, problem.q0, h)
+    turn, place = Turntable().pose(h)
+    mean = (turn @ rows.point[0] + place - rows.point[0]) / h
+    axes = np.concatenate([rows.normal, rows.tangents.axes[0]])
+    # angles vanish to second order
+    np.testing.assert_allclose(found.rate, -axes[0] @ mean, atol=1e-6)
+    np.testing.assert_allclose(found.tangents.rate, [*-axes[1:] @ mean, *-axes @ [0.0, 0.0, 2.0]], atol=1e-6)
+    assert np.abs(rows.tangents.rate - found.tangents.rate).max() > 1e-4
+
+
+@pytest.mark.parametrize("name", ["Centered", "Centered, projected"])
+def test_a_robot_on_a_floor_that_moves_has_the_impacts_of_one_at_rest(name):
+    """Its base turns about the velocity of the floor alone: the retraction of others depends on the frame."""
+    runs = []
+    for speed in (0.0, -3.0, 60.0):
+        scene, rotation = mbvi.Scene(friction=0.3), Rotation.from_rotvec((0.0, 0.2, 0.0)).as_matrix()
+        scene.add_halfspace((0, 0, 1), name="floor", motion=mbvi.motion.Translation((0.0, speed, 0.0)))
+        own = (0.3, speed, -1.0, 0.0, 1.0, 0.0)
+        scene.add_urdf(
+            ROBOTS / "hopper/hopper.urdf", base="free", position=(0, 0, 0.75), rotation=rotation, base_velocity=own
+        )
+        runs.append(mbvi.simulate(scene.build(), SCHEMES[name], step=2e-3, duration=0.6, progress=False))
+        np.testing.assert_allclose(
+            runs[-1].q[:, :3] - np.outer(runs[-1].t, [0.0, speed, 0.0]), runs[0].q[:, :3], atol=1e-9
+        )
+    # percussions of two edges of a foot are not unique
+    listed = [[(round(one.time, 9), sorted(one.constraints)) for one in run.impacts] for run in runs]
+    assert len(listed[0]) > 2
+    assert listed[1] == listed[2] == listed[0]
 
 
 def test_points_are_carried_by_links():

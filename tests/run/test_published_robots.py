@@ -10,7 +10,7 @@ import pytest
 import mbvi
 from mbvi.constraints import JointLimits, SignedDistances
 from mbvi.run.fixed_steps import taking
-from mbvi.run.recorder import Recorder
+from mbvi.run.recording.recorder import Recorder
 from mbvi_studies.published_robots import PUBLISHED, published_robot
 from support.robot_problems import built_once
 

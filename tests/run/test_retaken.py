@@ -7,7 +7,7 @@ import pytest
 
 import mbvi
 from mbvi.errors import InfeasibleError, ProjectionError
-from mbvi.run.retaken import SolvedSteps
+from mbvi.run.fixed_steps.retaken import SolvedSteps
 from mbvi.run.tunnelling import TunnellingGuard
 from mbvi.schemes.step import NO_RATES, Step
 

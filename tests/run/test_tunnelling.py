@@ -98,7 +98,7 @@ def test_links_that_are_not_watched_on_a_way_do_not_meet_on_it(rng):
         out = np.setdiff1d(every[swift], watched)
         left_out += len(out)
         for share in np.linspace(0.0, 1.0, 6):
-            assert (links.pair_gap(0.0, problem.system.integrate(problem.q0, share * way), out) > 0.0).all()
+            assert (links.nearest_of(0.0, problem.system.integrate(problem.q0, share * way), out)[0] > 0.0).all()
     assert left_out > 100
 
 
@@ -208,7 +208,7 @@ def test_what_the_arm_moves_as_one_passes_nothing_in_the_hand():
         way[:] = rng.uniform(-1.0, 1.0, system.nv)
         passed, travel, thickness = family.passable(q, way)
         assert 0 < len(passed) < len(pairs)
-        before, after = family.pair_gap(0.0, q, pairs), family.pair_gap(0.0, system.integrate(q, way), pairs)
+        before, after = (family.nearest_of(0.0, at, pairs)[0] for at in (q, system.integrate(q, way)))
         listed = np.searchsorted(pairs, np.sort(passed))
         order = np.argsort(passed)
         np.testing.assert_array_equal(thickness[order], inner[listed])
@@ -344,3 +344,27 @@ def test_a_needle_that_tumbles_fast_passes_no_field(kind, rough, seeds):
         problem = thrown_needle(seed, rough, kind)
         run = mbvi.simulate(problem, mbvi.Centered(project_positions=True), step=1e-2, duration=0.15)
         assert run.q[:, 2].min() > -0.02, seed
+
+
+TIPPING = [*SCHEMES, mbvi.Paoli(project_positions=True), mbvi.StewartTrinkle()]
+
+
+@pytest.mark.parametrize("spin", [5.0, 20.0])
+@pytest.mark.parametrize("kind", ["box", "capsule"])
+@pytest.mark.parametrize("scheme", TIPPING, ids=repr)
+def test_a_rod_that_tips_over_its_end_stays_on_its_side_of_a_thin_plate(scheme, kind, spin):
+    """Its lower end touches the plate and stands still: the rod neither approaches nor parts when a step begins."""
+    for angle in (0.02, 0.1):
+        scene = mbvi.Scene(gravity=(0, 0, 0))
+        scene.add_box((3.0, 3.0, 0.01), position=(0, 0, -0.005), fixed=True, name="plate")
+        along, up = np.array([np.cos(angle), 0.0, np.sin(angle)]), np.array([-np.sin(angle), 0.0, np.cos(angle)])
+        place = 0.5 * along + 0.005 * (up if kind == "box" else np.array([0.0, 0.0, 1.0]))
+        motion = {"velocity": np.cross((0.0, spin, 0.0), place), "angular_velocity": (0.0, spin, 0.0)}
+        if kind == "box":
+            scene.add_box((1.0, 0.02, 0.01), 1.0, position=place, rotation=(0, -angle, 0), **motion)
+        else:
+            scene.add_capsule(0.005, 1.0, 1.0, position=place, rotation=(0, np.pi / 2 - angle, 0), **motion)
+        run = mbvi.simulate(scene.build(), scheme, step=1e-2, duration=0.05, progress=False)
+        # its axis is above the middle of the plate
+        ends = 0.5 * np.abs(Rotation.from_quat(run.q[:, 3:7]).as_matrix()[:, 2, 0 if kind == "box" else 2])
+        assert (run.q[:, 2] - ends).min() > -0.005 and np.linalg.norm(run.v[-1, :3]) < 2.0 * spin

@@ -239,6 +239,7 @@ def mistakes():
     yield "a robot", lambda s: s.weld("rod", "hopper"), "hopper is a robot; name one of its links: hopper/trunk"
     yield "itself", lambda s: s.weld("rod", "rod"), "rod and rod is one body: there is nothing to connect"
     yield "two of the world", lambda s: s.connect("world", "wall", **at), "world and wall do not move"
+    yield "a wall that moves", lambda s: s.weld("rod", "table"), "table has a prescribed motion"
     yield "no point", lambda s: s.connect("rod", "bob", at=(0, 0)), "at"
     yield "no axis", lambda s: s.hinge("rod", "bob", axis=(0, 0, 0), **at), "axis is zero"
     yield "the name of the world", lambda s: s.add_box((1, 1, 1), name="world"), "the name 'world' is taken"
@@ -257,6 +258,8 @@ def mistakes():
 def test_a_connection_that_cannot_be_is_refused(call, told):
     scene = pendulum()
     scene.add_box((1, 1, 1), position=(9, 0, 0), fixed=True, name="wall")
+    table = mbvi.motion.Translation((1, 0, 0))
+    scene.add_box((1, 1, 1), position=(9, 9, 0), fixed=True, motion=table, name="table")
     scene.add_urdf(ROBOTS / "hopper/hopper.urdf", position=(5, 0, 1))
     with pytest.raises(mbvi.InputError, match=told):
         call(scene)

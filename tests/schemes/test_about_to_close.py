@@ -5,6 +5,7 @@ import pytest
 
 import mbvi
 from mbvi.run.fixed_steps import taking
+from support.shaken_table import Table
 
 LEGS = np.tile([0.0, 0.6, -1.2], 4)
 
@@ -106,3 +107,60 @@ def test_a_body_that_tilts_bears_its_load_in_every_step_on_any_ground(ground, fr
         runs.append(mbvi.simulate(scene.build(), scheme, step=2e-3, duration=0.1, record="contacts"))
     np.testing.assert_allclose(runs[0].q, runs[1].q, atol=1e-9)
     assert all(runs[0].contacts(t) for t in runs[0].t[1:])
+
+
+def on_shaken_table(kind, friction, amplitude, frequency, phase, e):
+    """A body of 1 kg that the table, which moves by `amplitude` sin, bears, and its start at the table's speed."""
+    w = 2.0 * np.pi * frequency
+    start, speed = amplitude * np.sin(phase), amplitude * w * np.cos(phase)
+    if kind == "function":
+        system = mbvi.LagrangianSystem(mass=lambda q: np.eye(1), force=lambda t, q, v: np.array([-9.81]), dim=1)
+        return mbvi.Problem(system, [Table(amplitude, w)], [start], [speed], restitution=e, t0=phase / w)
+    scene = mbvi.Scene(friction=friction, restitution=e)
+    shaken = mbvi.motion.Oscillation((0, 0, amplitude), frequency, phase)
+    scene.add_halfspace((0, 0, 1), motion=shaken, name="table")
+    if kind == "ball":
+        scene.add_sphere(0.05, 1.0, position=(0, 0, 0.05 + start), velocity=(0, 0, speed))
+    else:
+        scene.add_box((0.1, 0.12, 0.08), 1.0, position=(0, 0, 0.04 + start), velocity=(0, 0, speed))
+    return scene.build()
+
+
+PROJECTED = [mbvi.Centered(project_positions=True), mbvi.Paoli(project_positions=True)]
+PROJECTED += [mbvi.MoreauJean(project_positions=True)]
+
+
+@pytest.mark.parametrize("scheme", PROJECTED, ids=repr)
+@pytest.mark.parametrize(("kind", "friction"), [("ball", 0.0), ("box", 0.5), ("function", 0.0)])
+@pytest.mark.parametrize(("amplitude", "frequency", "phase"), [(0.01, 3.0, 0.0), (0.002, 8.0, 0.0), (2e-4, 30.0, 1.5)])
+@pytest.mark.parametrize("h", [4e-3, 1e-3])
+def test_what_a_shaken_table_bears_is_borne_in_every_step(scheme, kind, friction, amplitude, frequency, phase, h):
+    """Below an acceleration of g it stays on the table. The force is m (g + a), with a of the last steps."""
+    problem = on_shaken_table(kind, friction, amplitude, frequency, phase, 0.0)
+    run = mbvi.simulate(problem, scheme, step=h, duration=0.4, progress=False)
+    w, t, vertical = 2.0 * np.pi * frequency, run.t[1:] - run.t[0], 0 if kind == "function" else 2
+    most = amplitude * w**2
+    assert most < 9.81
+    forces = 9.81 + np.diff(run.v[:, vertical]) / h
+    around = w * np.linspace(t - 2.0 * h, t + 0.5 * h, 26) + phase
+    expected, order = 9.81 - most * np.sin(around), 0.3 * w * h * most
+    # the first steps begin at the speed of the table, which no step before led to
+    assert (forces >= expected.min(axis=0) - order)[3:].all() and (forces <= expected.max(axis=0) + order)[3:].all()
+    gaps = [problem.constraints.gap(time, q).min() for time, q in zip(run.t, run.q, strict=True)]
+    assert min(gaps) >= -1e-8
+
+
+@pytest.mark.parametrize("scheme", PROJECTED, ids=repr)
+def test_a_table_that_falls_faster_leaves_what_lies_on_it(scheme):
+    """It flies on as a parabola from the time at which the table's acceleration is that of gravity."""
+    amplitude, w = 0.02, 2.0 * np.pi * 5.0
+    problem = on_shaken_table("ball", 0.0, amplitude, 5.0, 0.0, 0.0)
+    h = 1e-3
+    run = mbvi.simulate(problem, scheme, step=h, duration=0.06, progress=False)
+    left = np.arcsin(9.81 / (amplitude * w**2)) / w
+    flown = run.t[-1] - left
+    height = 0.05 + amplitude * np.sin(w * left) + amplitude * w * np.cos(w * left) * flown - 9.81 / 2 * flown**2
+    assert left < 0.02
+    # the last step on the table may be half of one too long
+    assert run.q[-1, 2] == pytest.approx(height, abs=1e-4)
+    assert problem.constraints.gap(run.t[-1], run.q[-1]).min() > 1e-3

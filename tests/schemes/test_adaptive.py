@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 
 import mbvi
 from mbvi import reference
-from mbvi.system.lengths import velocity_units
+from mbvi.system.parts import velocity_units
 from support.four_bar import four_bar
 from support.paths import ROBOTS
 from support.repeated_runs import bytes_of

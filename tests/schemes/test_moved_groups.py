@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 import mbvi
 from mbvi.schemes.positions.moved_groups import find_moved_groups, moved_groups, restore_columns
-from mbvi.system.system import independent_parts
+from mbvi.system.parts import independent_parts
 
 SCHEMES = [mbvi.Centered(project_positions=True), mbvi.MoreauJean(0.5, project_positions=True)]
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pinocchio as pin
 
-from mbvi.system.mechanisms import pinocchio_address
+from mbvi.system.mechanisms.by_address import pinocchio_address
 from mbvi.system.mechanisms.joint_tree import joint_tree
 from mbvi.system.mechanisms.mechanism import mechanism
 from support.robot_arguments import moving_robot
@@ -17,7 +17,11 @@ def _moving(rng):
     system, q, v = moving_robot(rng)
     model = system.model
     record = mechanism(
-        model, model.createData(), system._support, joint_tree(pin.Model(), system._parent), system._free
+        model,
+        model.createData(),
+        system.evaluation.support,
+        joint_tree(pin.Model(), system.evaluation.parent),
+        system._free,
     )
     _RECORDS[record.calls.ctypes.data] = record
     # arrays that are only read may be read-only

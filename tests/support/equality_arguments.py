@@ -49,7 +49,7 @@ def _met(one, system, q):
 
 def _factored(rng):
     system, q, v = tied_robot(rng)
-    return system, np.array(system._mass), np.array(system.metric(q).lower), v
+    return system, np.array(system.evaluation.mass), np.array(system.metric(q).lower), v
 
 
 def _spanned(rng):
@@ -59,7 +59,7 @@ def _spanned(rng):
         mass[-1] = mass[system.nv]
     L[system.nv :] = np.nan
     R = np.full((m, m), np.nan) if rng.random() < 0.7 else np.zeros((0, 0))
-    return mass, system._parent, float(rng.choice([1e-9, 0.3])), L, R
+    return mass, system.evaluation.parent, float(rng.choice([1e-9, 0.3])), L, R
 
 
 def _along(rng):
@@ -70,26 +70,26 @@ def _along(rng):
 
 def _kept(rng):
     system, _, L, v = _factored(rng)
-    return L, system._parent, v
+    return L, system.evaluation.parent, v
 
 
 def _advanced(rng):
     system, mass, L, v = _factored(rng)
     torque, effects = rng.normal(size=(2, system.nv))
     damping, known, changes, h = rng.random(system.nv), np.zeros(L.shape), np.zeros((2, system.nv)), 1e-2
-    factor(mass, 0.5 * h, damping, system._parent, known)
+    factor(mass, 0.5 * h, damping, system.evaluation.parent, known)
     known = known[: rng.choice([0, len(L)])]
     room = np.full(L.shape, np.nan), changes, np.full(system.nv, np.nan)
-    return mass, damping, system._parent, v, h, torque, effects, known, *room
+    return mass, damping, system.evaluation.parent, v, h, torque, effects, known, *room
 
 
 def _changed(rng):
     system, mass, L, _ = _factored(rng)
     m = len(mass) - system.nv
     R = np.zeros((m, m))
-    factor(mass, 0.0, system.damping, system._parent, L)
-    span_equalities(mass, system._parent, 1e-9, L, R)
-    return L, system._parent, R, rng.normal(size=m), np.full(system.nv, np.nan)
+    factor(mass, 0.0, system.damping, system.evaluation.parent, L)
+    span_equalities(mass, system.evaluation.parent, 1e-9, L, R)
+    return L, system.evaluation.parent, R, rng.normal(size=m), np.full(system.nv, np.nan)
 
 
 def _gaps(rng):
@@ -102,7 +102,7 @@ def _gaps(rng):
 def _rows(rng):
     system, q, _ = tied_robot(rng)
     record = equalities_of(system.equalities, system.nq, system.nv)
-    return record, *map(np.array, system.kinematics(q)), np.full(system._mass.shape, np.nan)
+    return record, *map(np.array, system.kinematics(q)), np.full(system.evaluation.mass.shape, np.nan)
 
 
 def _value(rng):

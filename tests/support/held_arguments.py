@@ -17,7 +17,7 @@ class Standing:
 
     def __init__(self, rng):
         system, *_ = moving_robot(rng)
-        self.metric = TreeMetric(np.array(system._mass), system._parent)
+        self.metric = TreeMetric(np.array(system.evaluation.mass), system.evaluation.parent)
         m = int(rng.integers(1, 1 + max(1, system.nv // 6)))
         self.J = rng.normal(size=(3 * m, system.nv)) * (rng.random((3 * m, system.nv)) < 0.5)
         if m > 1 and rng.random() < 0.3:

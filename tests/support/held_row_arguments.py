@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from mbvi.constraints.feature_kernels import (
+from mbvi.constraints.features.feature_kernels import (
     EDGES,
     FACE_RIM,
     FACE_VERTEX,

@@ -70,10 +70,19 @@ def percussions_before(rng, m):
 def forces(rng, system, q, v):
     """Mass matrix, damping, tree, velocity, step, torques, nonlinear effects and the order of damping."""
     system.metric(q)
-    mass = np.array(system._mass)
+    mass = np.array(system.evaluation.mass)
     effects = np.array(pin.nonLinearEffects(system.model, system.model.createData(), q, v))
     damping = system.damping * rng.choice([0.0, 1.0])
-    return mass, damping, system._parent, v, 1e-3, rng.normal(size=system.nv), effects, bool(rng.random() < 0.5)
+    return (
+        mass,
+        damping,
+        system.evaluation.parent,
+        v,
+        1e-3,
+        rng.normal(size=system.nv),
+        effects,
+        bool(rng.random() < 0.5),
+    )
 
 
 def factor_of(rng):
@@ -93,13 +102,19 @@ def indefinite(rng, mass):
 def factor(rng):
     system, _, _ = moving_robot(rng)
     n = system.nv
-    return indefinite(rng, system._mass), 1e-3, system.damping, system._parent, np.full((n, n), np.nan)
+    return (
+        indefinite(rng, system.evaluation.mass),
+        1e-3,
+        system.damping,
+        system.evaluation.parent,
+        np.full((n, n), np.nan),
+    )
 
 
 def back(rng):
     system, L = factor_of(rng)
     # a gradient is zero for most joints
-    return L, system._parent, rng.normal(size=system.nv) * (rng.random(system.nv) < 0.5)
+    return L, system.evaluation.parent, rng.normal(size=system.nv) * (rng.random(system.nv) < 0.5)
 
 
 def unwhiten_four(rng):
@@ -113,7 +128,7 @@ def whiten_four(rng):
     system, L = factor_of(rng)
     x = rng.normal(size=(4, system.nv))
     x[:, rng.random(x.shape[1]) < 0.3] = 0.0
-    return L, system._parent, x
+    return L, system.evaluation.parent, x
 
 
 def squared(rng):
@@ -141,13 +156,13 @@ def factor_again(rng):
     """Of a mechanism with another factor, which is damped or not."""
     system, L = factor_of(rng)
     damping = system.damping * rng.choice([0.0, 1.0])
-    return np.array(system._mass), damping, system._parent, bool(rng.random() < 0.5), 2.0 * L
+    return np.array(system.evaluation.mass), damping, system.evaluation.parent, bool(rng.random() < 0.5), 2.0 * L
 
 
 def solve(rng):
     system, L = factor_of(rng)
     rows = rng.normal(size=(rng.integers(0, 6), system.nv))
-    return L, system._parent, rows, np.full(rows.shape, np.nan), np.full(rows.shape, np.nan)
+    return L, system.evaluation.parent, rows, np.full(rows.shape, np.nan), np.full(rows.shape, np.nan)
 
 
 def advance_by(rng):
@@ -324,13 +339,13 @@ def law_of_rows(rng):
     m = int(rng.integers(1, 5))
     J, last = rng.normal(size=(m, system.nv)), percussions_before(rng, m)
     out = np.full(system.nv, np.nan), np.full((4, m), np.nan)
-    return L, system._parent, x, v, J, restitution(rng, m), opened(rng, m), last, 0.0, *out
+    return L, system.evaluation.parent, x, v, J, restitution(rng, m), opened(rng, m), last, 0.0, *out
 
 
 def frictional_law_of_rows(rng):
     system, L = factor_of(rng)
     x, v = rng.normal(size=(2, system.nv))
-    return L, system._parent, x, v, *frictional_rows(rng, system.nv)
+    return L, system.evaluation.parent, x, v, *frictional_rows(rng, system.nv)
 
 
 def frictional_tree_law(rng):
@@ -1040,6 +1055,23 @@ def near_triangles(rng):
     return *tree, surface.features, centres, i, reach, *outs
 
 
+def listed_triangles(rng, centres):
+    """Room for the triangles near some points, where these were last; none in some cases."""
+    listed = np.zeros((len(centres), int(rng.choice([0, 1, 9]))), np.int64)
+    return listed, np.column_stack([centres + rng.uniform(-0.1, 0.1, centres.shape), np.zeros(len(centres))])
+
+
+def still_near(rng):
+    arguments = near_triangles(rng)
+    return *arguments[:8], *listed_triangles(rng, arguments[5]), *arguments[8:]
+
+
+def add_near(rng):
+    vertices, corners, order, _, features, centres, i, reach, *outs = near_triangles(rng)
+    count = int(rng.integers(len(outs[0]) + 2))
+    return vertices, corners, int(order[0]), features, centres, i, reach, count, *outs, np.zeros(3)
+
+
 def sort_by_feature(rng):
     k = int(rng.integers(0, 60))
     distance = np.round(rng.uniform(size=k), 1)
@@ -1082,7 +1114,7 @@ def mesh_contacts(rng):
     found = np.zeros(200, int), np.zeros(200), np.zeros((200, 3)), np.zeros((200, 3))
     sheet = surface.vertices, surface.triangles, *surface.tree, surface.features, surface.sharers, sides
     reach, deepest = radii + tolerance + 1e-12, float(rng.choice([0.5, np.inf]))
-    return *sheet, centres, radii, reach, tolerance, deepest, *scratch, *found
+    return *sheet, centres, radii, reach, tolerance, deepest, *listed_triangles(rng, centres), *scratch, *found
 
 
 def box_square(rng):
@@ -1221,6 +1253,10 @@ ARGUMENTS = {
     "whiten_bodies": whiten_bodies,
     "row_lengths": row_lengths,
     "near_triangles": near_triangles,
+    "still_near": still_near,
+    "add_near": add_near,
+    "bounded_way": lambda rng: (*rng.random(6), float(rng.choice([0.0, 0.1, 2.0]))),
+    "lessen_ways": lambda rng: (rng.normal(size=(5, 6)), *rng.random((5, 5)), np.empty(5)),
     "reach_along": lambda rng: [seams(rng)[k] for k in (0, 1, 3)],
     "is_hidden_at": seams,
     "is_covered": is_covered,

@@ -19,7 +19,7 @@ import mbvi
 from mbvi.compiled import Kernel, record_at, records
 from mbvi.constraints.mechanism.row_callback import RowCallback
 from mbvi.constraints.mechanism.state import row_buffer
-from mbvi.constraints.mechanism.tables import BALLS_AT_MESH, MOST_ROWS, SHAPES_AT_MESH
+from mbvi.constraints.mechanism.tables import BALLS, BALLS_AT_MESH, MOST_ROWS, SHAPES_AT_MESH
 from mbvi.run.loop import compiled_loop, loop_scope, step_loop
 from mbvi.run.loop.loop_record import LoopRecord
 from mbvi.schemes.event_driven.runge_kutta import DEGREE
@@ -428,6 +428,11 @@ CALLS = {
         name: [(PAOLI, tied, BOUNCY, 8), (DEFAULT, tied, RIGID, 9), (PILES, tied, ROUGH, 9)]
         for name in ("carry", "close")
     },
+    **{
+        name: [(DEFAULT, tied, RIGID, 2), (DEFAULT, tied, ROUGH, 9), (CENTERED, tied, BOUNCY, 5)]
+        for name in ("take_along_equalities", "add_across", "apply_law_of_rows")
+    },
+    "keep_those_at": [(DEFAULT, tied, RIGID, 1), (DEFAULT, tied, ROUGH, 3), (DEFAULT, carried, ROUGH, 2)],
     "make_tangent": [(DEFAULT, tied, RIGID, 9), (DEFAULT, tied, ROUGH, 60), (CENTERED, tied, BOUNCY, 30)],
     "evaluate_nonlinear_effects": [
         (PAOLI, hopper, BOUNCY, 8), (DEFAULT, quadruped, RIGID, 9), (CENTERED, on_block, RIGID, 20),
@@ -531,7 +536,38 @@ def add_ways(rng, seed):
 
 def may_touch(rng, seed):
     s, log, q, v, *_ = _call("may_pass", PAOLI, quadruped, RIGID, 40 + seed)
-    return s, log, int(rng.integers(len(s.constraints.pairs.clearance))), q, rng.uniform(0.0, 0.3) * v, 0.5
+    return s, log, int(rng.integers(len(s.constraints.pairs.clearance))), q, rng.uniform(0.0, 0.3) * v, rng.random()
+
+
+def write_ways(rng, seed):
+    """Of a quadruped, of balls and a box, and of a quadruped and a ball, where every other pair is swift."""
+    scheme, scene, material = (
+        (PAOLI, quadruped, RIGID), (DEFAULT, small_heap, ROUGH), (CENTERED, struck, MIXED)
+    )[seed]  # fmt: skip
+    s, log, q, v, h, _ = _call("may_pass", scheme, scene, material, 40)
+    log.travel[:] = 1.0
+    log.travel[1::2] = 0.5 if seed == 2 else 1.0
+    return s, log, q.copy(), h * v, float(rng.choice([0.5, 1.0])), int(rng.integers(2))
+
+
+def is_swift(rng, seed):
+    _, log, *_ = write_ways(rng, seed)
+    log.ways[:] = 2.0 * rng.random(log.ways.shape) * log.thickness
+    return log, int(rng.integers(len(log.travel))), seed % 2
+
+
+def relative_way(rng, seed):
+    s, log, q, way, *_ = write_ways(rng, seed)
+    place(s.mechanism, q)
+    column = int(rng.integers(len(log.member)))
+    kind = s.constraints.cache.kind[log.family[column]]
+    table = s.constraints.touching if kind == BALLS else s.constraints.pairs
+    return s.mechanism, table, int(log.member[column]), log.pairs, column, way, 2.0
+
+
+def placed_centre(rng, seed):
+    mechanism, *_, ways, column, _, _ = relative_way(rng, seed)
+    return mechanism, int(ways.bodies[1, column]), ways.centres, 1, column
 
 
 # a callback that changes nothing
@@ -679,6 +715,10 @@ LOOP_ARGUMENTS = {
     "has_clearance": has_clearance,
     "add_ways": add_ways,
     "may_touch": may_touch,
+    "write_ways": write_ways,
+    "is_swift": is_swift,
+    "relative_way": relative_way,
+    "placed_centre": placed_centre,
     "distance_after": lambda rng, seed: (*may_touch(rng, seed)[:-1], rng.random(), float(rng.choice([0.0, 1.0]))),
     "write_travels": lambda rng, seed: (rng.random((4, 7)), rng.random(4), np.zeros(7)),
     "rows_by_callback": rows_by_callback,

@@ -221,7 +221,7 @@ PATCH_ARGUMENTS = {
     "shared_region": region,
     "_outline": outline,
     "_few": few,
-    "_middle_of": lambda rng: (rng.normal(size=4), rng.normal(size=(4, 3)), int(rng.integers(5)), 0.3, np.zeros(3)),
+    "mean_of_shared": lambda rng: (rng.normal(size=4), rng.normal(size=(4, 3)), int(rng.integers(5)), 0.3, np.zeros(3)),
     "keep_one_of_each_line": lines_of_pairs,
     "distances_from_axes": from_axes,
     "write_contacts": contacts,

@@ -6,8 +6,9 @@ import pytest
 from scipy.linalg import null_space
 
 from mbvi.projection.damped_rows import moving_rows
+from mbvi.projection.tree import tangent
 from mbvi.projection.tree_factor import span_equalities
-from mbvi.system import ArticulatedSystem
+from mbvi.system import ArticulatedSystem, BlockSystem, FreeBodies
 from mbvi.system.mechanisms.equalities import CoupledJoints, PointRows
 from support.equality_arguments import tied_robot
 
@@ -18,8 +19,8 @@ def rows_of(system, q):
     """M and J_e at q."""
     system.metric(q)
     n = system.nv
-    lower = np.tril(system._mass[:n])
-    return lower + np.tril(lower, -1).T, system._mass[n:].copy()
+    lower = np.tril(system.evaluation.mass[:n])
+    return lower + np.tril(lower, -1).T, system.evaluation.mass[n:].copy()
 
 
 def nearest(M, J, v):
@@ -51,6 +52,23 @@ def test_the_metric_is_that_of_the_velocities_that_keep_the_equalities(seed):
     w = metric.tangent(v)
     np.testing.assert_allclose(w, nearest(M, J, v), rtol=0.0, atol=1e-9)
     np.testing.assert_allclose(J @ w, 0.0, rtol=0.0, atol=1e-12 * np.abs(v).max())
+
+
+@each_seed
+def test_a_metric_may_keep_the_equalities_of_another_place(seed):
+    """Of one mechanism, and of a part beside bodies, which have none."""
+    rng = np.random.default_rng(seed)
+    system, q, v = tied_robot(rng)
+    M, metric = rows_of(system, q)[0], system.metric(q)
+    there = ArticulatedSystem(system.model).integrate(q, 0.1 * rng.normal(size=system.nv))
+    J = rows_of(system, there)[1]
+    expected = nearest(M, J, v)
+    np.testing.assert_allclose(system.keeping(there, metric).tangent(v), expected, rtol=0.0, atol=1e-9)
+    bodies = FreeBodies(np.ones(1), np.eye(3)[None], np.zeros(3), ("body",))
+    both, pose = BlockSystem([system, bodies]), np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+    found = both.keeping(np.concatenate([there, pose]), both.metric(np.concatenate([q, pose])))
+    twist = rng.normal(size=6)
+    np.testing.assert_allclose(tangent(found, np.concatenate([v, twist])), [*expected, *twist], rtol=0.0, atol=1e-9)
 
 
 @each_seed

@@ -8,7 +8,8 @@ import pytest
 
 from mbvi.compiled import held
 from mbvi.system import ArticulatedSystem
-from mbvi.system.mechanisms.joint_tree import carriers, place_joints, weigh_joints, with_own_results, write_effects
+from mbvi.system.mechanisms.coordinates import carriers
+from mbvi.system.mechanisms.joint_tree import place_joints, weigh_joints, with_own_results, write_effects
 from support.joint_tree_arguments import inertia_of, joints, moved_model, place_of, tree_of
 from support.paths import ROBOTS, real_robot
 

@@ -7,9 +7,10 @@ import pinocchio as pin
 import pytest
 
 from mbvi.system import ArticulatedSystem
-from mbvi.system.mechanisms import articulated, memory
+from mbvi.system.mechanisms import evaluation
+from mbvi.system.mechanisms.by_address import memory
+from mbvi.system.mechanisms.by_address.memory import read_results, results_in_place
 from mbvi.system.mechanisms.joint_tree import joint_tree
-from mbvi.system.mechanisms.memory import read_results, results_in_place
 from support.paths import ROBOTS, real_robot
 
 
@@ -41,7 +42,7 @@ MODELS = {
 @pytest.fixture
 def no_joint_is_known(monkeypatch):
     """Kernels compute nothing: they know no joint of the models."""
-    monkeypatch.setattr(articulated, "joint_tree", lambda model, carrier: joint_tree(pin.Model(), carrier))
+    monkeypatch.setattr(evaluation, "joint_tree", lambda model, carrier: joint_tree(pin.Model(), carrier))
 
 
 every_model = pytest.mark.parametrize("make", MODELS.values(), ids=MODELS)
@@ -204,3 +205,18 @@ def test_forces_and_energies_leave_poses_columns_and_mass_as_they_are(make, rng,
     ask(q)
     ask(system.integrate(q, v))
     ask(q)
+
+
+def test_a_control_that_asks_for_the_mass_matrix_elsewhere_leaves_that_of_the_free_motion(no_joint_is_known):
+    model = chain(4)
+    system = ArticulatedSystem(model)
+    q, v, expected = np.array([0.3, 0.1, -0.7, 0.2]), np.ones(4), ArticulatedSystem(model)
+
+    def control(t, q, v):
+        system.metric(q + 1.0)
+        return np.zeros(4)
+
+    system.set_control(control)
+    np.testing.assert_array_equal(
+        system.free_motion(0.0, q, v, 1e-3).metric.dense(), expected.free_motion(0.0, q, v, 1e-3).metric.dense()
+    )

@@ -10,10 +10,11 @@ import pytest
 import mbvi
 from mbvi.system import ArticulatedSystem
 from mbvi.system.free.spinning import free_links
-from mbvi.system.mechanisms import articulated, pinocchio_address
+from mbvi.system.mechanisms import articulated
+from mbvi.system.mechanisms.by_address import pinocchio_address
+from mbvi.system.mechanisms.by_address.pinocchio_check import reason_for_bindings
 from mbvi.system.mechanisms.joint_tree import joint_tree
 from mbvi.system.mechanisms.mechanism import mechanism
-from mbvi.system.mechanisms.pinocchio_check import reason_for_bindings
 from support.paths import ROBOTS, real_robot
 
 pytestmark = pytest.mark.skipif(reason_for_bindings() is not None, reason=f"{reason_for_bindings()}")

@@ -11,7 +11,7 @@ import time
 import pinocchio as pin
 import pytest
 
-from mbvi.system.mechanisms import pinocchio_address, pinocchio_check
+from mbvi.system.mechanisms.by_address import pinocchio_address, pinocchio_check
 from support.paths import ROBOTS
 from support.programs import run
 
@@ -32,9 +32,8 @@ def sabotage(monkeypatch, folder):
     def do(lines):
         code = pinocchio_check._CHILD
         assert code.count("\ncompare()\n") == 1
-        lines = (
-            f"import numpy as np, ctypes\nfrom mbvi.system.mechanisms import pinocchio_address as by_address\n{lines}\n"
-        )
+        imports = "from mbvi.system.mechanisms.by_address import pinocchio_address as by_address"
+        lines = f"import numpy as np, ctypes\n{imports}\n{lines}\n"
         # the code is a format
         lines = lines.replace("{", "{{").replace("}", "}}")
         monkeypatch.setattr(pinocchio_check, "_CHILD", code.replace("\ncompare()\n", f"\n{lines}compare()\n"))
@@ -84,7 +83,7 @@ FAULTS = {
     "a function lies elsewhere": ("by_address.function_addresses = lambda: [8] * 4", "ended by SIG(SEGV|BUS)"),
     "headers are laid out otherwise": ("by_address._HEADERS = 32", "ended by SIG|failed|differs"),
     "results lie elsewhere": (
-        "from mbvi.system.mechanisms import memory\nmemory._POSE = 16",
+        "from mbvi.system.mechanisms.by_address import memory\nmemory._POSE = 16",
         "do not lie where they are expected",
     ),
     "the child ends early": ("import os\nos._exit(0)", "it gave no result"),
@@ -158,7 +157,7 @@ def test_only_a_simulation_asks(tmp_path):
     code = f"""
 from pathlib import Path
 import mbvi
-from mbvi.system.mechanisms import pinocchio_check
+from mbvi.system.mechanisms.by_address import pinocchio_check
 folder = Path({str(tmp_path)!r})
 pinocchio_check.cache_folder = lambda: folder
 scene = mbvi.Scene()

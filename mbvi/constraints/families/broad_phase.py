@@ -14,6 +14,7 @@ from ...system import System
 from ...system.free.sparse_rows import dense
 from ..family import ConstraintFamily
 from ..rebuilt import Rebuilt
+from ..relative_ways import PairBalls, balls_of_sides, relative_ways, ways_of
 from ..rows import Array, Rows
 from .pairs import Contacts, relative_reaches, sparse_reaches
 from .signed_distance import SignedDistances
@@ -156,8 +157,10 @@ class BroadPhasePairs(Rebuilt, ConstraintFamily):
         centres, ends = (self._places(placements)[:, 3] for placements in both)
         i, j = may_pass(centres, ends - centres, travel, self._shapes.bound, inner)
         pairs = self._allowed(i * len(inner) + j)
-        sides = np.stack(np.divmod(pairs, len(inner)), axis=1)
-        travel, thickness = np.abs(displacement) @ relative_reaches(self._reaches(), sides), inner[sides].sum(axis=1)
+        sides = self._sides_of(pairs)
+        ways = ways_of(self.system, displacement, relative_reaches(self._reaches(), sides))
+        travel = relative_ways(self.system, q, displacement, ways, balls_of_sides(self._shapes, sides))
+        thickness = inner[sides].sum(axis=1)
         passing = travel > thickness
         return pairs[passing], travel[passing], thickness[passing]
 
@@ -176,11 +179,23 @@ class BroadPhasePairs(Rebuilt, ConstraintFamily):
             self._reach = sparse_reaches(self.system, self._shapes)[:-1]
         return self._reach
 
-    def pair_gap(self, t: float, q: Array, pairs: Array) -> Array:
-        """Return the signed distances of some pairs, shape (k,) [m]."""
+    def nearest_of(self, t: float, q: Array, pairs: Array) -> tuple[Array, Array]:
+        """Return the signed distances and normals of some pairs, shapes (k,) [m] and (k, 3)."""
         if self._queried is None or self._queried[0] != pairs.tobytes():
             self._queried = pairs.tobytes(), self._pairs_of(pairs)
-        return self._queried[1].nearest(q, np.arange(len(pairs))).gap
+        return self._queried[1].nearest_of(t, q, np.arange(len(pairs)))
+
+    def balls_of(self, numbers: Array) -> PairBalls:
+        """Return balls that hold the shapes of some pairs."""
+        return balls_of_sides(self._shapes, self._sides_of(numbers))
+
+    def reach_of(self, numbers: Array) -> Array:
+        """Return the reach of some pairs, shape (k, nv)."""
+        return np.asarray(relative_reaches(self._reaches(), self._sides_of(numbers)).T.toarray())
+
+    def _sides_of(self, numbers: Array) -> Array:
+        """Return the two shapes of some pairs, shape (k, 2)."""
+        return np.stack(np.divmod(numbers, len(self._shapes)), axis=1)
 
     def nearest_points(self, q: Array) -> tuple[Array, Array]:
         """Return point and normal of the nearest contact of each pair that is not left out, in the order of `gap`."""

@@ -1,4 +1,4 @@
-"""One constraint given by a function f(q) and its gradient, the setting of the paper."""
+"""One constraint given by f(q) and its gradient, the setting of the paper."""
 
 from __future__ import annotations
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ...arguments import all_finite, returned, shown
+from ...arguments import all_finite, returned
 from ...compiled import plain_array
 from ...errors import InputError, MbviError, MbviWarning
 from ...system import System
@@ -27,26 +27,6 @@ _ONE, _NONE = np.zeros(1, np.int64), np.zeros(0, np.int64)
 _SIGNIFICANT = 1e-3
 # largest nv at which a gradient is checked entry by entry; beyond it is checked along some random directions
 _ENTRIES = 64
-
-
-def checked_constraints(constraints: Any) -> list[Constraint]:
-    """Return a user's constraints as a list.
-
-    Raises
-    ------
-    InputError
-        If they are no list or tuple, or one of them has no gap or no gradient.
-    """
-    if not isinstance(constraints, list | tuple):
-        raise InputError(f"constraints must be a list of constraints; got {shown(constraints)}")
-    each = list(constraints)
-    for one in each:
-        if isinstance(one, type) or not (hasattr(one, "gap") and hasattr(one, "gradient")):
-            raise InputError(
-                f"constraints must be objects with gap(t, q) and gradient(t, q), such as mbvi.GapFunction(f, grad_f); "
-                f"got {shown(one)} among them"
-            )
-    return each
 
 
 def as_family(
@@ -164,6 +144,10 @@ class GivenConstraint(ConstraintFamily):
         if self._rate is None:
             return None
         return np.atleast_1d(returned(self._rate(t, q), f"df/dt of {self._name_of(0)}"))
+
+    def changes_of_walls(self, times: tuple[float, float, float], q: Array, points: Array) -> Array:
+        """Return the largest change of df/dt, the same at all points, shape (k,); see the base class."""
+        return np.full(len(points), np.abs(np.diff([self.rate(t, q) for t in times], axis=0)).max(initial=0.0))
 
     def contacts(self, t: float, q: Array, tolerance: float) -> Rows | None:
         """Return the rows within the tolerance, or None; errors as of `gap`."""

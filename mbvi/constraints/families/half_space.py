@@ -22,8 +22,8 @@ from ...geometry.shapes.shape_table import indexed
 from ...geometry.shapes.shapes import HalfSpace, PlacedShape, graph_of
 from ...system import System
 from ...system.mechanisms.separation import row
-from ..feature_kernels import FACE_RIM
-from ..feature_motion import row_biases, touching
+from ..features.feature_kernels import FACE_RIM
+from ..features.feature_motion import row_biases, touching
 from ..mechanism.held_rows import UNKNOWN, RowParts
 from ..mechanism.point_parts import parts_of_points
 from ..row_table import RowTable
@@ -303,11 +303,10 @@ class HalfSpaceContacts(Pairs):
         """Return which of some points that touch `spread_below` keeps, shape (k,) of bool."""
         owner, kept, places = self.owner[points], np.ones(len(points), bool), self._placements(q)
         for pair in np.flatnonzero(np.bincount(owner) > FEW_POINTS).tolist():
-            own = owner == pair
-            count = int(np.count_nonzero(own))
-            self._table.found[:count] = points[own]
+            own = np.flatnonzero(owner == pair)
+            self._table.found[: len(own)] = points[own]
             # none of them is above the half-space
-            count = spread_below(places, self._table, pair, 0.0, 0, count)
+            count = spread_below(places, self._table, pair, 0.0, 0, len(own))
             kept[own] = np.isin(points[own], self._table.found[:count])
         return kept
 

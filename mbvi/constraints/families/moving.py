@@ -76,6 +76,16 @@ class MovingFrame:
         """Return points and normals in the world from those in the frame, shapes (k, 3)."""
         return point @ self._turn.T + self._place, normal @ self._turn.T
 
+    def motion_after(self, time: float, point: Array, t: float, q: Array) -> tuple[Array, Array]:
+        """Return the velocities that points of the walls at t have `time` later, shape (k, 3), and the spin then.
+
+        The points, shape (k, 3), are where they are in the world at t; meanwhile they move with the walls.
+        """
+        self.set_state(t, q)
+        inside = (point - self._place) @ self._turn
+        self.set_state(t + time, q)
+        return self.velocity(self.world(inside, inside)[0]), self._spin
+
     def in_world(self, poses: Array) -> Array:
         """Return poses in the world from those in the frame, shape (..., 4, 3)."""
         poses = poses @ self._turn.T
@@ -134,6 +144,11 @@ class MovingWalls(ConstraintFamily):
     def bending_envelope(self) -> Array | None:
         """Return the envelope of the walls if they stood still, shape (nv,)."""
         return self.constraint.bending_envelope()
+
+    def changes_of_walls(self, times: tuple[float, float, float], q: Array, points: Array) -> Array:
+        """Return by how much points of the walls change their velocity, shape (k,) [m/s]; see the base class."""
+        speeds = [self.frame.motion_after(t - times[1], points, times[1], q)[0] for t in times]
+        return np.asarray(np.linalg.norm(np.diff(speeds, axis=0), axis=2).max(axis=0))
 
     def friction_of(self, numbers: Array) -> Array:
         """Return the coefficients of friction of some pairs, shape (k,)."""

@@ -13,6 +13,7 @@ from ...geometry.shapes.shape_table import ShapeTable
 from ...system import System
 from ..family import ConstraintFamily
 from ..rebuilt import Rebuilt
+from ..relative_ways import PairBalls, balls_of_sides, relative_ways, ways_of
 from ..rows import Array, Rows
 from .candidates import PairCandidates
 
@@ -209,19 +210,32 @@ class Pairs(Rebuilt, ConstraintFamily):
         """Return the first and the second body of some pairs, shapes (k,)."""
         return self._first_body[numbers], self._second_body[numbers]
 
-    def pair_gap(self, t: float, q: Array, pairs: Array) -> Array:
-        """Return the signed distances of some pairs in ascending order, shape (k,) [m]."""
-        return self.nearest(q, pairs).gap
-
     def passed_share(self) -> Array:
         """Return the reach divided by the thickness, shape (nv, n); see the base class."""
         return np.asarray(self.reach().T / self.thickness)
 
     def passable(self, q: Array, displacement: Array) -> tuple[Array, Array, Array]:
         """Return the pairs that may pass through each other, their travel and their thickness; see the base class."""
-        travel = np.asarray(np.abs(displacement) @ self._reach)
-        pairs = np.flatnonzero(travel > self.thickness)
-        return pairs, travel[pairs], self.thickness[pairs]
+        pairs = np.flatnonzero(np.abs(displacement) @ self._reach > self.thickness)
+        ways = ways_of(self.system, displacement, self._reach[:, pairs])
+        travel = relative_ways(self.system, q, displacement, ways, self.balls_of(pairs))
+        thickness = self.thickness[pairs]
+        passing = travel > thickness
+        return pairs[passing], travel[passing], thickness[passing]
+
+    def balls_of(self, numbers: Array) -> PairBalls:
+        """Return balls that hold the shapes of some pairs; half-spaces have none."""
+        return balls_of_sides(self._shapes, self._sides[numbers])
+
+    def reach_of(self, numbers: Array) -> Array:
+        """Return the reach of some pairs, shape (k, nv)."""
+        reach = self._reach[:, numbers].T
+        return reach if isinstance(reach, np.ndarray) else np.asarray(reach.toarray())
+
+    def nearest_of(self, t: float, q: Array, pairs: Array) -> tuple[Array, Array]:
+        """Return signed distances and normals of some pairs in ascending order, shapes (k,) [m] and (k, 3)."""
+        nearest = self.nearest(q, pairs)
+        return nearest.gap, nearest.normal
 
     def nearest(self, q: Array, pairs: Array) -> Contacts:
         """Return the nearest contact of each of some pairs in ascending order."""

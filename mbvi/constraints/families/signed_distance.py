@@ -16,9 +16,9 @@ from ...geometry.shapes.seams import uncovered
 from ...geometry.shapes.shape_table import ShapeTable
 from ...geometry.shapes.shapes import Capsule, Sphere
 from ...system import System
+from ..features.pair_features import FeatureRows, is_polyhedron
+from ..features.round_features import is_round
 from ..mechanism.pairs import AS_THEY_ARE, LEFT_TO_PYTHON, MOST_CONTACTS, ROUNDED, PairShapes
-from ..pair_features import FeatureRows, is_polyhedron
-from ..round_features import is_round
 from ..row_table import RowTable
 from ..rows import Rows
 from .pairs import Array, Contacts, Pairs

@@ -13,6 +13,7 @@ from ...system import System
 from ...system.free.sparse_rows import dense
 from ..family import ConstraintFamily
 from ..rebuilt import Rebuilt
+from ..relative_ways import PairBalls, relative_ways, ways_of
 from ..rows import Array, Rows
 from .spheres import SphereCentres
 
@@ -189,10 +190,12 @@ class SphereWalls(Rebuilt, ConstraintFamily):
         self._bodies = np.array([0 if isinstance(w, HalfSpace) else w.body for w in walls], dtype=np.int64)
         self._kind = np.array([_kind_of(w) for w in walls], dtype=np.int64)
         self._local = np.array([_wall_numbers(w) for w in walls])
+        self._middles = np.array([w.position if isinstance(w, PlacedShape) else np.zeros(3) for w in walls])
         # walls on bodies, and which of their vectors are points: the centre of a box, the ends of a capsule
         self._carried = [
-            (np.flatnonzero((self._bodies > 0) & (self._kind == kind)), points)
+            (here, points)
             for kind, points in ((_BOX, slice(3, 4)), (_CAPSULE, slice(2)))
+            if (here := np.flatnonzero((self._bodies > 0) & (self._kind == kind))).size
         ]
         # a half-space has no far side: no sphere passes through it
         self._inner = np.array([np.inf if isinstance(w, HalfSpace) else w.shape.inner for w in walls])
@@ -202,8 +205,7 @@ class SphereWalls(Rebuilt, ConstraintFamily):
             for a, w in enumerate(walls)
             if isinstance(w, PlacedShape) and w.body
         ]
-        placed = [w for w in walls if isinstance(w, PlacedShape)]
-        seams = seams_of(placed)
+        seams = seams_of([w for w in walls if isinstance(w, PlacedShape)])
         self._seams = seams if len(seams.neighbour) else None
         # of each wall its number among those that the world holds, -1 for others
         solid = np.array([isinstance(w, PlacedShape) for w in walls])
@@ -214,9 +216,8 @@ class SphereWalls(Rebuilt, ConstraintFamily):
     def name(self, constraint: int) -> str:
         """Return the name of one pair."""
         i, a = divmod(constraint, len(self._kind))
-        if self._kind[a] == _PLANE:
-            return f"{self._sphere_names[i]} | {self._wall_names[a]}"
-        return f"{self._wall_names[a]} | {self._sphere_names[i]}"
+        sphere, wall = self._sphere_names[i], self._wall_names[a]
+        return f"{sphere} | {wall}" if self._kind[a] == _PLANE else f"{wall} | {sphere}"
 
     def friction_of(self, numbers: Array) -> Array:
         """Return the coefficients of friction of some pairs, shape (k,)."""
@@ -234,12 +235,8 @@ class SphereWalls(Rebuilt, ConstraintFamily):
 
     def _walls_at(self, q: Array) -> Array:
         """Return the argument `walls` of `wall_contacts`, in the world."""
-        walls = self._local
+        walls = self._local.copy() if self._carried else self._local
         for here, points in self._carried:
-            if not here.size:
-                continue
-            if walls is self._local:
-                walls = self._local.copy()
             places, width = self.system.placements(q, self._bodies[here]), 3 * points.stop
             vectors = self._local[here, :width].reshape(-1, points.stop, 3) @ places[:, :3]
             vectors[:, points] += places[:, 3:]
@@ -271,9 +268,10 @@ class SphereWalls(Rebuilt, ConstraintFamily):
         """Return the gap of every pair, shape (n w,) [m]."""
         return self._near(q, np.inf)[1]
 
-    def pair_gap(self, t: float, q: Array, pairs: Array) -> Array:
-        """Return the gaps of some pairs, shape (k,) [m]."""
-        return self.gap(t, q)[pairs]
+    def nearest_of(self, t: float, q: Array, pairs: Array) -> tuple[Array, Array]:
+        """Return gaps and normals of some pairs, shapes (k,) [m] and (k, 3)."""
+        _, gap, _, normal = (part[pairs] for part in self._near(q, np.inf))
+        return gap, normal
 
     def nearest_points(self, q: Array) -> tuple[Array, Array]:
         """Return point and normal of every pair, shapes (n w, 3)."""
@@ -299,14 +297,32 @@ class SphereWalls(Rebuilt, ConstraintFamily):
     def passable(self, q: Array, displacement: Array) -> tuple[Array, Array, Array]:
         """Return the pairs that may pass through each other, their travel and their thickness; see the base class."""
         moved = self._where.of(self.system.integrate(q, displacement)) - self._where.of(q)
-        own, of_walls = np.linalg.norm(moved, axis=1), np.zeros(len(self._kind))
+        own, (of_walls, *turns) = np.linalg.norm(moved, axis=1), np.zeros((3, len(self._kind)))
         for a, reach in self._reach:
-            of_walls[a] = reach @ np.abs(displacement)
+            of_walls[a], turns[0][a], turns[1][a] = ways_of(self.system, displacement, reach)
         if not (own.max() + of_walls > self._radii.min() + self._inner).any():
             return np.zeros(0, np.int64), np.zeros(0), np.zeros(0)
         travel, thick = (np.add.outer(*one).ravel() for one in ((own, of_walls), (self._radii, self._inner)))
         pairs = np.flatnonzero((travel > thick) & (self.gap(0.0, q) < travel))
-        return pairs, travel[pairs], thick[pairs]
+        travel, thick, wall = travel[pairs], thick[pairs], pairs % len(self._kind)
+        carried = self._bodies[wall] > 0
+        if carried.any():
+            # centres go straight, and no turn of a sphere matters
+            ways = travel[carried], turns[0][wall[carried]], turns[1][wall[carried]]
+            travel[carried] = relative_ways(self.system, q, displacement, ways, self.balls_of(pairs[carried]))
+        passing = travel > thick
+        return pairs[passing], travel[passing], thick[passing]
+
+    def reach_of(self, numbers: Array) -> Array:
+        """Return the reach of some pairs, shape (k, nv): of spheres that of their centres."""
+        own = [self.system.reach(body, np.zeros(3), 0.0) for body in self.bodies_of(numbers)[1].tolist()]
+        of_walls, still = dict(self._reach), np.zeros(self.system.nv)
+        return np.array(own) + np.array([of_walls.get(a, still) for a in (numbers % len(self._kind)).tolist()])
+
+    def balls_of(self, numbers: Array) -> PairBalls:
+        """Return middles of walls and the centres of spheres, as balls without size."""
+        middles = self._middles[numbers % len(self._kind)]
+        return PairBalls(np.stack(self.bodies_of(numbers)), np.stack([middles, 0.0 * middles]), np.zeros(len(numbers)))
 
     def gradient(self, t: float, q: Array) -> Array:
         """Return the gradient of every pair, shape (n w, nv)."""
@@ -315,9 +331,7 @@ class SphereWalls(Rebuilt, ConstraintFamily):
 
 
 def _kind_of(wall: HalfSpace | PlacedShape) -> int:
-    if isinstance(wall, HalfSpace):
-        return _PLANE
-    return _BOX if isinstance(wall.shape, Box) else _CAPSULE
+    return _PLANE if isinstance(wall, HalfSpace) else _BOX if isinstance(wall.shape, Box) else _CAPSULE
 
 
 def _wall_numbers(wall: HalfSpace | PlacedShape) -> Array:

@@ -13,6 +13,7 @@ from ...system import System, located_parts
 from ...system.free.sparse_rows import dense
 from ..family import ConstraintFamily
 from ..rebuilt import Rebuilt
+from ..relative_ways import PairBalls
 from ..row_table import RowTable
 from ..rows import Array, Rows
 
@@ -211,8 +212,7 @@ class SphereContacts(Rebuilt, ConstraintFamily):
         if len(self.radii) > _FEW:
             return None
         pairs = self.all_pairs()
-        i, j = np.divmod(pairs, len(self.radii))
-        return np.asarray(self.reach_of(pairs).T / (self.radii[i] + self.radii[j]))
+        return np.asarray(self.reach_of(pairs).T / self.thickness_of(pairs))
 
     def passable(self, q: Array, displacement: Array) -> tuple[Array, Array, Array]:
         """Return the pairs that may pass through each other, their travel and their thickness; see the base class."""
@@ -222,9 +222,20 @@ class SphereContacts(Rebuilt, ConstraintFamily):
         travel = np.linalg.norm(moved[j] - moved[i], axis=1)
         return i * len(self.radii) + j, travel, self.radii[i] + self.radii[j]
 
-    def pair_gap(self, t: float, q: Array, pairs: Array) -> Array:
-        """Return the gaps of some pairs, shape (k,) [m]."""
-        return self._near(q, pairs, np.inf)[1]
+    def balls_of(self, numbers: Array) -> PairBalls:
+        """Return the centres of some pairs, as balls without size: no turn of a sphere matters."""
+        bodies = np.stack(self.bodies_of(numbers))
+        return PairBalls(bodies, np.zeros((*bodies.shape, 3)), np.zeros(len(numbers)))
+
+    def thickness_of(self, numbers: Array) -> Array:
+        """Return the sums of the radii of some pairs, shape (k,) [m]."""
+        i, j = np.divmod(numbers, len(self.radii))
+        return np.asarray(self.radii[i] + self.radii[j])
+
+    def nearest_of(self, t: float, q: Array, pairs: Array) -> tuple[Array, Array]:
+        """Return gaps and normals of some pairs, shapes (k,) [m] and (k, 3)."""
+        _, gap, _, normal = self._near(q, pairs, np.inf)
+        return gap, normal
 
     def _near(self, q: Array, pairs: Array, tolerance: float) -> tuple[Array, Array, Array, Array]:
         """Return numbers, gaps, points and normals of those of the given pairs that are within the tolerance."""

@@ -11,7 +11,8 @@ import numpy as np
 
 from ...compiled import plain_array
 from ...errors import InadmissibleStartError
-from ...geometry.at_meshes.mesh_contacts import mesh_contacts, mesh_distances
+from ...geometry.at_meshes.mesh_contacts import mesh_contacts
+from ...geometry.at_meshes.near_triangles import mesh_distances
 from ...geometry.meshes.triangles import Surface
 from ...geometry.shapes.shapes import PlacedShape
 from ...system import System
@@ -27,6 +28,8 @@ ROUNDING = 1e-12
 _DEEPEST = 0.5
 # entries of the table of reaches up to which it is a dense array
 _MOST_DENSE = 200_000
+# the most triangles near a sphere that are kept from step to step
+_MOST_LISTED = 64
 
 
 class SurfaceContacts(Rebuilt, ConstraintFamily):
@@ -115,9 +118,9 @@ class SurfaceContacts(Rebuilt, ConstraintFamily):
         """Return the distance of every shape, shape (n,) [m]."""
         return self.nearest(q, self._every).gap
 
-    def pair_gap(self, t: float, q: Array, pairs: Array) -> Array:
-        """Return the distances of some shapes in ascending order, shape (k,) [m]."""
-        return self.nearest(q, pairs).gap
+    def nearest_of(self, t: float, q: Array, pairs: Array) -> tuple[Array, None]:
+        """Return the distances of some shapes in ascending order, shape (k,) [m]; no normals."""
+        return self.nearest(q, pairs).gap, None
 
     def gradient(self, t: float, q: Array) -> Any:
         """Return the gradient of every shape's distance, shape (n, nv)."""
@@ -253,7 +256,8 @@ class SphereSurface(SurfaceContacts):
     def loop_table(self) -> BallsAtMesh:
         """Return what the compiled loop needs, with room of its own."""
         n, k = self.size, max(256, 16 * self.size)
-        room: Any = np.zeros((n, 3)), np.zeros(n), *np.zeros((2, k), np.int64), np.zeros(k), np.zeros((k, 3))
+        listed: Any = np.zeros((n, 1 + _MOST_LISTED), np.int64), np.zeros((n, 4))
+        room: Any = np.zeros((n, 3)), np.zeros(n), *listed, *np.zeros((2, k), np.int64), np.zeros(k), np.zeros((k, 3))
         found: Any = np.zeros(k, np.int64), np.zeros(k), *np.zeros((2, k, 3))
         rank = np.zeros(k, np.int64)
         fields: Any = (
@@ -272,10 +276,12 @@ class SphereSurface(SurfaceContacts):
         """Return the contacts of some spheres within a tolerance, no farther from each centre than its reach."""
         # triangles that share a feature have its nearest point at the same distance, up to rounding
         reach, radii = reach + self._rounding, self._radii[shapes]
+        # each call asks for other spheres: no lists of near triangles are kept
+        kept = np.zeros((len(shapes), 0), np.int64), np.zeros((len(shapes), 4))
         while True:
             count, most = mesh_contacts(
                 *self._tree, *self._features, centres, radii, reach, tolerance, self._deepest,
-                *self._scratch, *self._found,
+                *kept, *self._scratch, *self._found,
             )  # fmt: skip
             if max(count, most) <= self._room:
                 own, *others = (part[:count].copy() for part in self._found)

@@ -12,8 +12,8 @@ from ...system.mechanisms.frames import cross_product
 from ...system.mechanisms.joint_tree import JointTree
 from ...system.mechanisms.mechanism import Mechanism
 from ...system.mechanisms.separation import row
-from ..feature_bias import slip_bias, turn_with_bodies, turning_bias
-from ..feature_kernels import touch
+from ..features.feature_bias import slip_bias, turn_with_bodies, turning_bias
+from ..features.feature_kernels import touch
 from ..tangents import write_tangents_of
 
 Array = np.ndarray

@@ -38,7 +38,8 @@ class ShapesAtMesh(NamedTuple):
 
 @record(
     "f8[:,::1], i8[:,::1], i8[::1], f8[:,::1], i8[:,::1], i8[::1], b1[::1], f8, f8, f8[:,::1], f8[::1], f8[:,::1],"
-    " f8[::1], i8[::1], i8[::1], f8[::1], f8[:,::1], i8[::1], i8[::1], f8[::1], f8[:,::1], f8[:,::1]"
+    " f8[::1], i8[:,::1], f8[:,::1], i8[::1], i8[::1], f8[::1], f8[:,::1], i8[::1], i8[::1], f8[::1], f8[:,::1],"
+    " f8[:,::1]"
 )
 class BallsAtMesh(NamedTuple):
     """Spheres at a mesh, which all but `local` to `reach` describe as arguments of `mesh_contacts`.
@@ -66,6 +67,8 @@ class BallsAtMesh(NamedTuple):
     radii: Array
     centres: Array
     reach: Array
+    listed: Array
+    about: Array
     triangle: Array
     number: Array
     distance: Array
@@ -132,8 +135,8 @@ def touching_spheres(mechanism: Mechanism, spheres: SpheresAtMesh, q: Array, tol
                 balls.centres[i, c] += balls.local[i, k] * pose[k, c]
     count, most = mesh_contacts(
         balls.vertices, balls.triangles, balls.order, balls.boxes, balls.features, balls.sharers, balls.sheet,
-        balls.centres, balls.radii, balls.reach, tolerance, balls.deepest, balls.triangle, balls.number,
-        balls.distance, balls.foot, balls.rank, balls.sphere, balls.gap, balls.point, balls.normal,
+        balls.centres, balls.radii, balls.reach, tolerance, balls.deepest, balls.listed, balls.about, balls.triangle,
+        balls.number, balls.distance, balls.foot, balls.rank, balls.sphere, balls.gap, balls.point, balls.normal,
     )  # fmt: skip
     if max(count, most) > len(balls.gap):
         return UNRESOLVED

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..feature_kernels import FACE_RIM, FACE_VERTEX
+from ..features.feature_kernels import FACE_RIM, FACE_VERTEX
 from .held_rows import UNKNOWN, Array, RowParts
 
 # half axes are equally long, and at right angles, to within this part of their length

@@ -13,8 +13,8 @@ import numpy as np
 from ...compiled import kernel, record, record_at
 from ...geometry.narrow.support_points import Points, lowest, points_below, spread_below
 from ...geometry.shapes.shape_table import Shapes  # noqa: F401  (a signature names it)
+from ...system.mechanisms.by_address.pinocchio_address import tangent
 from ...system.mechanisms.mechanism import Mechanism, place
-from ...system.mechanisms.pinocchio_address import tangent
 from ...system.mechanisms.separation import row, turning_row
 from ..cache import IDLE, consume_clearance
 from ..families.candidates import list_candidates

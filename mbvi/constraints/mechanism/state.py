@@ -41,6 +41,7 @@ from .tables import (
     PairFamily,
     RowBuffer,
 )
+from .ways import PairWays, pair_ways
 
 _KINDS: dict[type, int] = {
     JointLimits: LIMITS, HalfSpaceContacts: HALF_SPACES, SignedDistances: PAIRS, SphereContacts: BALLS,
@@ -161,19 +162,22 @@ class MechanismState:
         self._set.cache.take_back(self._clearances.q, self._clearances.always, self._listed, self._candidates)
 
 
-def columns_of(constraints: AdmissibleSet, families: Sequence[ConstraintFamily]) -> tuple[Array, Array, Array]:
+def columns_of(
+    constraints: AdmissibleSet, families: Sequence[ConstraintFamily]
+) -> tuple[Array, Array, Array, PairWays]:  # fmt: skip
     """Return of all pairs of some families which these are, the numbers in these, and thicknesses [m], shapes (n,).
 
-    A family is -1, and the thickness infinite, where kernels do not know the distance of a pair.
+    A family is -1, and the thickness infinite, where kernels do not know how a pair moves. The last are `pair_ways`.
     """
-    which = [np.zeros(0, np.int64)]
-    numbers, thickness = [np.zeros(0, np.int64)], [np.zeros(0)]
+    which, numbers, thickness = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)], [np.zeros(0)]
     for family in families:
-        known = _kind_of(family) in (PAIRS, SHAPES_AT_MESH)
-        which.append(np.full(family.size, constraints.families.index(family) if known else -1))
-        numbers.append(np.arange(family.size))
-        thickness.append(np.full(family.size, family.thickness if known else np.inf, dtype=float))
-    return np.concatenate(which), np.concatenate(numbers), np.concatenate(thickness)
+        kind, listed = _kind_of(family), family.all_pairs()
+        known = kind in (PAIRS, BALLS, SHAPES_AT_MESH)
+        which.append(np.full(len(listed), constraints.families.index(family) if known else -1))
+        numbers.append(listed)
+        thickness.append(family.thickness_of(listed) if known else np.full(len(listed), np.inf))
+    ways = pair_ways(constraints.system, families, numbers[1:])
+    return np.concatenate(which), np.concatenate(numbers), np.concatenate(thickness), ways
 
 
 def can_be_compiled(constraints: AdmissibleSet) -> bool:
@@ -207,13 +211,17 @@ def _pair_family(constraints: AdmissibleSet, k: int, candidates: Any) -> PairFam
     resistance = np.zeros((0, 2))
     if constraints.resistance is not None:
         resistance = constraints.resistance.of(start + numbers, constraints.name)
-    moving = candidates.reach.T != 0.0
     return PairFamily(
         candidates.reach, candidates.clearance, np.zeros(n, np.int64), np.zeros(2, np.int64), start + numbers,
         np.array(family.bodies_of(numbers), dtype=np.int64).reshape(2, n), np.where(np.isnan(own), e, own),
-        constraints.friction_of(k, numbers), resistance, np.append(0, moving.sum(axis=1).cumsum()),
-        moving.nonzero()[1].copy(), candidates.reach.T[moving],
+        constraints.friction_of(k, numbers), resistance, *_levers(candidates.reach.T),
     )  # fmt: skip
+
+
+def _levers(reach: Array) -> tuple[Array, Array, Array]:
+    """Return `begin`, `velocity` and `lever` of pairs of some reach, shape (n, nv)."""
+    moving = reach != 0.0
+    return np.append(0, moving.sum(axis=1).cumsum()), moving.nonzero()[1].copy(), reach[moving]
 
 
 # what there is none of is held once for all problems: kernels write nothing to it
@@ -243,7 +251,10 @@ def _balls(constraints: AdmissibleSet) -> tuple[Balls, PairFamily]:
     count, position = len(pairs), where.start + where.stride * np.arange(n)
     room: Any = np.zeros(count, np.int64), np.zeros(count), *np.zeros((2, count, 3))
     # they have no clearances
-    family = _pair_family(constraints, k, none)
+    family, reach = _pair_family(constraints, k, none), np.zeros((last.size, constraints.system.nv))
+    reach[pairs] = last.reach_of(pairs)
+    begin, velocity, lever = _levers(reach)
+    family = family._replace(begin=begin, velocity=velocity, lever=lever)
     return Balls(position, last.radii, pairs, np.zeros((n, 3)), *room), family
 
 

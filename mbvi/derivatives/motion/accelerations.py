@@ -15,6 +15,7 @@ from ...system.actuators import Actuators, DrivenActuators
 from ...system.free.bodies import FreeBodies, Spheres
 from ...system.free.planar import PlanarBodies
 from ...system.mechanisms.articulated import ArticulatedSystem, Control
+from ...system.mechanisms.loop_margin import with_equalities
 from ...system.system import Array, Part, located_parts
 from .differences import along, along_both
 from .limited_forces import LimitedForces, has_limited_forces
@@ -48,7 +49,7 @@ class Accelerations:
             for part in located_parts(system)
         ]
         self._momenta = [(part, _momenta(part.system, steps[_columns(part)])) for part, _ in self._parts]
-        self._held = has_equalities(system)
+        self._held = bool(with_equalities(system))
 
     def jacobian(self, t: float, q: Array, v: Array, force: Array) -> Array:
         """Return the derivative of M^-1 (g + force) by (q, v) at a constant generalised force, shape (nv, 2 nv)."""
@@ -86,11 +87,6 @@ class Accelerations:
             own = _columns(part)
             out[own, own] = momenta(q[part.q : part.q + part.system.nq], w[own])
         return out
-
-
-def has_equalities(system: System) -> bool:
-    """Return whether a system or a part of it has loops or coupled joints."""
-    return bool(system.equalities) or any(part.system.equalities for part in located_parts(system))
 
 
 def _columns(part: Part) -> slice:

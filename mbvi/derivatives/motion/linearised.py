@@ -9,11 +9,12 @@ from ...schemes.event_driven.friction.modes import ContactModes
 from ...schemes.event_driven.motion_state import SLOW
 from ...schemes.event_driven.rows.contact_rows import SmoothRows
 from ...schemes.event_driven.runge_kutta import Flow, RungeKuttaStep, least_percussion
-from ...system.lengths import velocity_units
 from ...system.mechanisms.articulated import ArticulatedSystem
+from ...system.mechanisms.loop_margin import with_equalities
+from ...system.parts import velocity_units
 from ...system.system import Array, System, located_parts
 from ..parameters.parameters import Parameters
-from .accelerations import Accelerations, has_equalities
+from .accelerations import Accelerations
 from .differences import STEP, along, along_both
 from .friction import ChosenModes, FrictionDerivatives
 from .linear_law import LinearLaw
@@ -63,7 +64,7 @@ class Linearised:
         # dq/dt = v, and the rest of A
         self._empty = np.zeros((2 * n, 2 * n + parameters.count))
         self._empty[:n, n : 2 * n] = np.eye(n)
-        self._keeps = has_equalities(self.system)
+        self._keeps = bool(with_equalities(self.system))
 
     def kinks(self, step: RungeKuttaStep) -> list[float]:
         """Return the shares of a step, ascending, at which A jumps."""

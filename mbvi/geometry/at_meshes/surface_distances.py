@@ -10,8 +10,8 @@ from ..meshes.creases import Creases
 from ..meshes.triangles import FEW
 from ..shapes.convex_cores import Cores
 from .cores_at_mesh import CoresAtMesh, place_core
-from .mesh_contacts import nearest_on_triangle
 from .mesh_tree import box_apart
+from .near_triangles import nearest_on_triangle
 from .surface_features import above, crossing, from_segment
 
 _DEEPEST = 64

@@ -152,3 +152,15 @@ def shared_region(
             point[kept, c] = middle[c] + 0.5 * (up - down) * n[c]
         kept += 1
     return _few(common, gap, point, kept, distance + depth - DEPTH * bound, bound)
+
+
+@kernel("void(f8[::1], f8[:,::1], i8, f8, f8[::1])")
+def mean_of_shared(gap: Array, point: Array, count: int, tolerance: float, middle: Array) -> None:
+    """Write the mean of the points whose gap is within a tolerance; of none the first point."""
+    share = 0.0
+    for j in range(max(count, 1)):
+        if count == 0 or gap[j] <= tolerance:
+            share += 1.0
+            for c in range(3):
+                before = middle[c] if share > 1.0 else 0.0
+                middle[c] = before + (point[j, c] - before) / share

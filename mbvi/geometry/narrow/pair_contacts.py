@@ -8,7 +8,7 @@ from ...arguments import Array
 from ...compiled import kernel
 from ..broad.separating_axis import Shapes, pair_separation, place_pair
 from ..shapes.features import facing
-from .contact_patch import DEPTH, MOST_GATHERED, shared_region
+from .contact_patch import DEPTH, MOST_GATHERED, mean_of_shared, shared_region
 from .refined_distance import FLAT
 
 # lengths are relative to the bounding radius of the smaller shape
@@ -43,18 +43,6 @@ def _choose_normal(world: Array, shapes: Shapes, pair: int, distance: float, bou
     if chosen >= 0:
         for c in range(3):
             n[c] = found[chosen, c]
-
-
-@kernel("void(f8[::1], f8[:,::1], i8, f8, f8[::1])")
-def _middle_of(gap: Array, point: Array, count: int, tolerance: float, middle: Array) -> None:
-    """Write the mean of the points whose gap is within a tolerance; of none the first point."""
-    share = 0.0
-    for j in range(max(count, 1)):
-        if count == 0 or gap[j] <= tolerance:
-            share += 1.0
-            for c in range(3):
-                before = middle[c] if share > 1.0 else 0.0
-                middle[c] = before + (point[j, c] - before) / share
 
 
 @kernel(
@@ -108,7 +96,7 @@ def write_contacts(
                 deepest = min(deepest, gaps[j])
         if level and number > 0:
             # any point of the shared region is as near; its middle moves steadily
-            _middle_of(gaps, corners, number, deepest + _CORNER * bound[pair], middle[i])
+            mean_of_shared(gaps, corners, number, deepest + _CORNER * bound[pair], middle[i])
         # where edges cross, the deepest point may be none of the corners: it is a row of its own
         alone = 1 if not near or deepest > distance[i] + _CORNER * bound[pair] else 0
         number = alone + (number if near else 0)

@@ -14,7 +14,7 @@ import numpy as np
 from ...arguments import Array
 from ...compiled import kernel
 from ..broad.separating_axis import Shapes, axis_in_world, first_axis, pair_separation, place_pair
-from .contact_patch import MOST_GATHERED, shared_region
+from .contact_patch import MOST_GATHERED, mean_of_shared, shared_region
 from .core_search import approach, is_curved, search_cores, search_from_corners
 from .proved_depth import MOST_POINTS, better_direction, disc_radius, level_points, share_a_line, widest_angle
 from .refined_distance import FAILED, FLAT, UNIQUE, refine_pair
@@ -57,11 +57,15 @@ def _curved_maximum(
                 n[c] = start[c]
         found, _ = refine_pair(world, shapes, pair, n, other)
         refined = pair_separation(world, shapes, pair, n) if found != FAILED else -np.inf
-        if refined >= apart - _EQUAL * bound and (
-            found == UNIQUE or shared_region(world, shapes, pair, refined, _LEVEL * bound, bound, n, gaps, corners) > 0
-        ):
+        if not refined >= apart - _EQUAL * bound:
+            continue
+        if found == UNIQUE:
             for c in range(3):
                 nearest[c] = other[c]
+            return found, refined
+        shared = shared_region(world, shapes, pair, refined, _LEVEL * bound, bound, n, gaps, corners)
+        if shared > 0:
+            mean_of_shared(gaps, corners, shared, np.inf, nearest)
             return found, refined
     for c in range(3):
         n[c] = start[c]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Protocol
-
 import numpy as np
 from scipy.sparse import csr_array, vstack
 from scipy.sparse.csgraph import connected_components
@@ -13,6 +11,7 @@ from ...errors import ProjectionError
 from ..acceptance import OF_MECHANISMS, Acceptance
 from ..dense.scaled_qp import Projection
 from ..free_motion import FreeMotion
+from ..frictional_rows import FrictionalRows, TangentRows
 from ..metric import Array, Metric
 from ..tree import TreeFreeMotion
 from ..warm_start import LastPercussions, contact_keys
@@ -27,54 +26,6 @@ _FEW_ENOUGH = 32
 _MOST_DENSE = 2_000_000
 
 _NONE = np.zeros(0)
-
-
-class FrictionalRows(Protocol):
-    """What the projection needs of rows with tangents, which `constraints.Rows` has."""
-
-    @property
-    def constraint(self) -> Array:
-        """The constraint of each row, shape (k,)."""
-
-    @property
-    def jacobian(self) -> Array | csr_array:
-        """Gradients, shape (k, nv)."""
-
-    @property
-    def restitution(self) -> Array:
-        """Restitution, shape (k,)."""
-
-    @property
-    def rate(self) -> Array | None:
-        """Rates of gaps at v = 0, shape (k,)."""
-
-    @property
-    def tangents(self) -> TangentRows | None:
-        """Their tangents."""
-
-
-class TangentRows(Protocol):
-    """What it needs of tangents, which `constraints.Tangents` has."""
-
-    @property
-    def friction(self) -> Array:
-        """Coefficients, shape (k,)."""
-
-    @property
-    def jacobian(self) -> Array | csr_array:
-        """Gradients, shape (2 k, nv)."""
-
-    @property
-    def rate(self) -> Array | None:
-        """Rates at v = 0, shape (2 k,)."""
-
-    @property
-    def resistance(self) -> Array | None:
-        """Lengths of torsional and rolling friction, shape (k, 2)."""
-
-    @property
-    def bound(self) -> Array | None:
-        """Which contact bounds each; see `coulomb_law`. None where each has a normal of its own."""
 
 
 class FrictionalLaws:

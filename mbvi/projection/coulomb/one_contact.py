@@ -58,7 +58,10 @@ def coulomb_defect(u: Array, p: Array, mu: Array) -> float:
             else:
                 n = (n + mu[a] * across) / (1.0 + mu[a] * mu[a])
                 t, s = mu[a] * n * t / across, mu[a] * n * s / across
-        off = np.sqrt((p[i] - n) ** 2 + (p[i + 1] - t) ** 2 + (p[i + 2] - s) ** 2)
+            off = np.sqrt((p[i] - n) ** 2 + (p[i + 1] - t) ** 2 + (p[i + 2] - s) ** 2)
+        else:
+            # what is subtracted, also where rounding of a large percussion would hide it
+            off = np.sqrt((u[i] + mu[a] * slip) ** 2 + slip * slip)
         # written so that a NaN stays
         if not off <= worst:
             worst = off

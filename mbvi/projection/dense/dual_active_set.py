@@ -14,6 +14,8 @@ from .shared_percussions import share
 
 # most rows that each exchange looks at, at first, and how often violated rows join them
 _WORKING, _MOST_ENLARGED = 400, 40
+# most rows of a failed problem that are searched for contradictions
+_MOST_CHECKED = 400
 
 
 @dataclass(frozen=True)
@@ -90,3 +92,18 @@ def _solved(A: Array, d: Array, rounding: float) -> Candidate | None:
         if off[1] <= off[0] + ROUNDING:
             percussion = shared
     return Candidate(z, percussion)
+
+
+def contradictory(qp: ScaledQP, found: Candidate | None) -> bool:
+    """Return whether it is certain that no velocity meets the rows.
+
+    It is certain (Farkas' lemma) if some u >= 0 has J' u = 0 and lower . u > 0. The percussions found are tried as u;
+    then the dual active-set method searches for contradicting rows.
+    """
+    if found is not None and found.u.any():
+        size = np.abs(qp.combine(found.u)).max(initial=0.0)
+        terms = (abs(qp.rows).T @ found.u).max(initial=0.0)
+        lower = qp.lower / qp.lengths
+        if size <= 1e-6 * terms and lower @ found.u > 1e-6 * np.abs(lower) @ found.u:
+            return True
+    return len(qp.d) <= _MOST_CHECKED and dual_active_set(qp.columns, qp.d) is None

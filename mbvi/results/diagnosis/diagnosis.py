@@ -15,6 +15,8 @@ Array = np.ndarray
 
 # most names, rows and jumps in a report
 _MOST_NAMES, _MOST_ROWS, _MOST_JUMPS = 3, 12, 3
+# the verdict on a run of which only some steps are known
+_UNTOLD = "Whether an impact has several outcomes cannot be told: the file keeps only some of the steps."
 
 
 @dataclass(frozen=True)
@@ -149,7 +151,7 @@ class Diagnosis:
     def report(self) -> str:
         """Return the diagnosis in words, then the instants as a table, impacts first."""
         lines = [self.verdict()]
-        if self.unseen and np.isfinite(self.horizon):
+        if self.unseen and lines[0] != _UNTOLD:
             lines.append("The file keeps only some of the steps: instants between them were not looked at.")
         if self.vanishing:
             names = ", ".join(self.vanishing[:_MOST_NAMES])
@@ -239,7 +241,7 @@ class Diagnosis:
                 "several outcomes is not known: outcomes are only sought without friction."
             )
         if self.unseen:
-            return "Whether an impact has several outcomes cannot be told: the file keeps only some of the steps."
+            return _UNTOLD
         return "No impact that this run took at once has several outcomes."
 
     def _table(self) -> list[str]:

@@ -20,7 +20,7 @@ from ...scene.state import Place, State, Values
 from ...schemes import OwnStepsScheme, Scheme, Step
 from ...schemes.observer import Contacts, contacts_of_step
 from ...system.given import called
-from ..recorder import Recorder
+from ..recording.recorder import Recorder
 from ..start import initial_step
 from .attaching import attaching
 

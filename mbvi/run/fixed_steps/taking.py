@@ -17,10 +17,10 @@ from ..accuracy import residual_note
 from ..control_stability import failures_with_time
 from ..loop.compiled_loop import compiled_loop
 from ..progress import Progress
-from ..recorder import Recorder
-from ..retaken import SolvedSteps
+from ..recording.recorder import Recorder
 from ..sleeping import Sleepers
 from ..tunnelling import TunnellingGuard
+from .retaken import SolvedSteps
 from .switching import Switching
 
 # steps of the loop after which it is looked whether all bodies rest

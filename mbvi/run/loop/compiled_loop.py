@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
+from functools import partial
+from itertools import pairwise
 
 import numpy as np
 
 from ...compiled import held
 from ...constraints import Rows
+from ...constraints.carried import Place
 from ...constraints.contact import Contact
 from ...constraints.mechanism.state import MechanismState, columns_of, row_buffer
 from ...constraints.mechanism.tables import MOST_ROWS
@@ -25,11 +28,11 @@ from ...schemes.positions.nearby_rows import linear_reach
 from ...schemes.step import NO_RATES, STILL
 from ...system.mechanisms.joined import joined
 from ...system.mechanisms.mechanism import Mechanism
-from ...system.system import parts_of
-from ..recorder import RECENT, Recorder
+from ...system.parts import parts_of
+from ..recording.carried_rows import place_of_rows
+from ..recording.recorder import RECENT, Recorder
 from ..tunnelling import TunnellingGuard
 from .callbacks import PythonCallbacks, python_callbacks
-from .impact_rows import LaterRows
 from .loop_record import PLAIN, ROUGH, TURNING, LoopRecord
 from .loop_scope import control_of, is_compiled, loop_of
 from .step_loop import FULL, Loop
@@ -117,13 +120,14 @@ class CompiledLoop:
         self._projector.take_back(memory.percussion, memory.start, memory.size)
         taken = following - 1 - done
         self._patience.took(taken)
+        self._log.q_before[taken], self._log.v_before[taken] = q, v
         if recorder.contacts is not None:
             # before the states, so that an interrupt leaves no state without its contacts
             self._record_contacts(recorder.contacts, done, taken)
         recorder.count = count
         if taken:
             self._replay(done, taken)
-            state = self._logged(done, taken - 1)._replace(q=q, v=v)
+            state = self._logged(done, taken - 1)
             recorder.follow(self._state_before(done, taken - 1), state)
         if self._callbacks is not None:
             if taken:
@@ -169,30 +173,50 @@ class CompiledLoop:
         ends = self._log.begin[: taken + 1].tolist()
         all_rows = logged_rows(self._log, slice(0, ends[-1]), 0.0, self._problem.constraints.empty.jacobian)
         rows, friction = all_rows.active, friction_of(all_rows)
-        for j in range(taken):
+        # of one step between states nothing is compared
+        places = self._places_of_rows(done, taken) if self._every > 1 else [None] * taken
+        for j, place in enumerate(places):
             part, i = slice(ends[j], ends[j + 1]), done + j + 1
             contacts.add(
                 rows.constraint[part], rows.point[part], rows.normal[part], all_rows.percussion[part],
                 None if friction is None else friction.take(part),
-                self._log.correction[part] if len(self._log.correction) else None,
+                self._log.correction[part] if len(self._log.correction) else None, place,
             )  # fmt: skip
             if i % self._every == 0 or i == self._total:
                 contacts.close()
 
+    def _places_of_rows(self, done: int, taken: int) -> list[Callable[[], Place] | None]:
+        """Return of each step of the last call a function that returns where its rows are."""
+        log, none, h = self._log, self._problem.constraints.empty, self._h
+        q, v = log.q_before[: taken + 1].copy(), log.v_before[: taken + 1].copy()
+        at_end, t0 = [False, *log.at_end[:taken].tolist()], self._problem.t0
+        states = [
+            Step(t0 + (done + j) * h, q[j], v[j], none, NO_RATES, 0.0, at_end=at_end[j]) for j in range(taken + 1)
+        ]
+        timing = self._recorder.timing_of_rows
+        return [partial(place_of_rows, self._problem, timing, *two) for two in pairwise(states)]
+
     def _replay(self, done: int, taken: int) -> None:
-        """Record the impacts of the steps of the last call, and in which steps their rows had percussions."""
+        """Record the impacts of the steps of the last call, and what percussions their rows had."""
         recorder, log, begin = self._recorder, self._log, self._log.begin[: taken + 1].tolist()
-        for event in np.flatnonzero(log.event[:taken]).tolist():
-            if event:
-                _, q, v, *_ = self._state_before(done, event)
-                recorder.follow(self._state_before(done, event - 1), self._logged(done, event - 1)._replace(q=q, v=v))
-            first = max(0, event - RECENT)
-            part = slice(begin[first], begin[event])
-            later = LaterRows(log.number[part], log.rows[part, _PERCUSSION].copy(), event - first)
-            recorder.impact(self._logged(done, event), later)
-        for j in range(max(0, taken - RECENT), taken):
+
+        def add(j: int, impacting: Array | None = None) -> None:
             part = slice(begin[j], begin[j + 1])
-            recorder.recent.add(log.number[part].copy(), log.rows[part, _PERCUSSION].copy()[None])
+            recorder.recent.add(log.number[part].copy(), log.rows[part, _PERCUSSION].copy(), impacting)
+
+        def add_until(end: int) -> None:
+            # one more than is kept: what follows an impact is known of those after the first
+            for j in range(max(added, end - RECENT - 1), end):
+                add(j)
+
+        added = 0
+        for event in np.flatnonzero(log.event[:taken]).tolist():
+            add_until(event)
+            if event:
+                recorder.follow(self._state_before(done, event - 1), self._logged(done, event - 1))
+            add(event, recorder.impact(self._logged(done, event)))
+            added = event + 1
+        add_until(taken)
 
     def _state_before(self, done: int, j: int) -> Step:
         """Return the state before step j of the last call, without rows."""
@@ -200,8 +224,10 @@ class CompiledLoop:
         return Step(t, log.q_before[j].copy(), log.v_before[j].copy(), self._problem.constraints.empty, NO_RATES, 0.0)
 
     def _logged(self, done: int, j: int) -> Step:
-        t = self._problem.t0 + (done + j) * self._h + self._h
-        step = logged_step(self._log, j, t, self._problem.constraints.empty.jacobian)
+        t, log = self._problem.t0 + (done + j) * self._h + self._h, self._log
+        step = logged_step(log, j, t, self._problem.constraints.empty.jacobian)
+        q, v = log.q_before[j + 1].copy(), log.v_before[j + 1].copy()
+        step = step._replace(q=q, v=v, at_end=bool(log.at_end[j]))
         if self._problem.system.single_mechanism:
             return step
         # the recorder asks which bodies each row acts on
@@ -280,7 +306,7 @@ def mechanism_step(
         mechanism, problem.free_bodies, state.arrays, memory, scales, control, acted, own, rows, ahead, middle,
         np.zeros(nq), np.zeros(nv), np.zeros(4 * MOST_ROWS), np.zeros(8 * MOST_ROWS if frictional else 0),
         np.zeros(12 * MOST_ROWS if turns else 0), np.zeros(1), np.zeros((MOST_ROWS * scheme.project_positions, 6)),
-        np.zeros(1, np.int64),
+        np.zeros(1, np.int64), np.zeros(1, bool),
     )  # fmt: skip
 
 
@@ -292,13 +318,14 @@ def loop_record(
     width = ROUGH if problem.constraints.frictional else PLAIN
     width = width if problem.constraints.resistance is None else TURNING
     nq, nv, pairs = *problem.q0.shape, *guard.shares[1].shape
+    family, member, thickness, ways = columns_of(problem.constraints, guard.watched)
     return LoopRecord(
         t, q, v, penetration, violation, residual, np.zeros(1, np.int64), np.zeros(CHUNK + 1, np.int64),
         np.zeros(CHUNK, bool), np.zeros(_ROWS, np.int64), np.zeros((_ROWS, width)), problem.constraints.lever,
         problem.constraints.limits, np.zeros(4 * MOST_ROWS), *guard.shares,
-        *columns_of(problem.constraints, guard.watched), guard.slow_speed, scheme.timing.jump, np.zeros(pairs),
-        np.zeros((3, nv)), np.zeros((2, nq)), np.zeros((_ROWS * scheme.project_positions, 6)), np.zeros((CHUNK, nq)),
-        np.zeros((CHUNK, nv)),
+        family, member, thickness, ways, guard.slow_speed, scheme.timing.jump, np.zeros(pairs), np.zeros((2, pairs)),
+        np.zeros((3, nv)), np.zeros((2, nq)), np.zeros((_ROWS * scheme.project_positions, 6)),
+        np.zeros((CHUNK + 1, nq)), np.zeros((CHUNK + 1, nv)), np.zeros(CHUNK, bool),
     )  # fmt: skip
 
 

@@ -8,15 +8,17 @@ from ...compiled import kernel, record_at
 from ...constraints.mechanism.meshes import ShapesAtMesh, is_clear_of_mesh, place_at_mesh
 from ...constraints.mechanism.pairs import distance_of, is_beyond, place_bodies
 from ...constraints.mechanism.rows import MechanismConstraints
-from ...constraints.mechanism.tables import PAIRS, SHAPES_AT_MESH, way_of
+from ...constraints.mechanism.tables import BALLS, PAIRS, SHAPES_AT_MESH, way_of
+from ...constraints.mechanism.ways import relative_way
 from ...geometry.at_meshes.cores_at_mesh import free_way, travel_from, write_place
 from ...geometry.at_meshes.surface_rows import lowest_gap
 from ...schemes.kernels.records import MechanismStep
+from ...system.mechanisms.by_address.pinocchio_address import retract, tangent
 from ...system.mechanisms.mechanism import place
-from ...system.mechanisms.pinocchio_address import retract, tangent
 from ...system.system import Array
 from ..control_stability import TURN
-from ..tunnelling import DEEP, DEPTH, HALF_TURN, RUNAWAY
+from ..meeting import DEEP, DEPTH
+from ..tunnelling import HALF_TURN, RUNAWAY
 from .loop_record import LoopRecord
 
 # configurations at which a pair is measured along a displacement
@@ -55,36 +57,32 @@ def distance_after(
 
 
 @kernel("b1(MechanismStep, LoopRecord, i8, f8[::1], f8[::1], f8)")
-def may_touch(s: MechanismStep, log: LoopRecord, column: int, q: Array, displacement: Array, length: float) -> bool:
+def may_touch(s: MechanismStep, log: LoopRecord, column: int, q: Array, displacement: Array, travel: float) -> bool:
     """Return whether a pair of shapes that could pass through each other may touch on a displacement, shape (nv,).
 
-    `column` is its place among those that the guard looks at, and `length` that of the displacement in steps: pairs
-    pass through each other in a whole one.
+    `column` is its place among those that the guard looks at, and `travel` how far it moves relative to each other.
 
     The search (conservative advancement) takes steps within which the pair cannot touch. A pair that touches at the
-    start counts only if it sinks.
+    start counts if it sinks at once, or if it does not part and may get deep, as what tips over its contact point.
     """
-    travel, thickness, family, tolerance = 0.0, log.thickness[column], s.constraints.pairs, s.scales.tolerance
-    pair = log.member[column]
-    for i in range(family.begin[pair], family.begin[pair + 1]):
-        travel += abs(displacement[family.velocity[i]]) * family.lever[i]
-    if not travel > length * thickness:
-        return False
-    near, share = max(tolerance, 0.1 * DEPTH * thickness), 0.0
+    pair, thickness = log.member[column], log.thickness[column]
+    near, share, level = max(s.scales.tolerance, 0.1 * DEPTH * thickness), 0.0, 0.0
     gap = distance_after(s, log, pair, q, displacement, 0.0, np.inf)
-    if gap <= tolerance:
+    if gap <= near:
         share = min(DEPTH * thickness / travel, 1.0)
-        rise = distance_after(s, log, pair, q, displacement, share, np.inf) - gap
-        if rise < near:
-            return rise < -near
-        gap += rise
-    for _ in range(_MOST_MEASURED):
-        if not gap > near:
+        after = distance_after(s, log, pair, q, displacement, share, np.inf)
+        if after - gap < -near:
             return True
-        share += gap / travel
+        if after - gap < near:
+            level = min(gap, 0.0) - DEEP * thickness
+        gap = after
+    for _ in range(_MOST_MEASURED):
+        if not gap > level + near:
+            return True
+        share += (gap - level) / travel
         if share >= 1.0:
             return False
-        gap = distance_after(s, log, pair, q, displacement, share, near)
+        gap = distance_after(s, log, pair, q, displacement, share, level + near)
     return True
 
 
@@ -166,6 +164,34 @@ def write_travels(shares: Array, speed: Array, travel: Array) -> None:
             travel[i] += shares[k, i] * fast
 
 
+@kernel("void(MechanismStep, LoopRecord, f8[::1], f8[::1], f8, i8)")
+def write_ways(s: MechanismStep, log: LoopRecord, q: Array, displacement: Array, length: float, part: int) -> None:
+    """Write how far the pairs that travel their thickness move relative to each other along a part of a step.
+
+    The part begins at q, and `length` is its length in steps.
+    """
+    placed = False
+    for i in range(len(log.travel)):
+        log.ways[part, i] = 0.0
+        kind = s.constraints.cache.kind[log.family[i]] if log.family[i] >= 0 else -1
+        if log.travel[i] < 1.0 or length == 0.0 or (kind != PAIRS and kind != BALLS):
+            continue
+        if not placed:
+            place(s.mechanism, q)
+            placed = True
+        family = s.constraints.pairs if kind == PAIRS else s.constraints.touching
+        way = relative_way(s.mechanism, family, log.member[i], log.pairs, i, displacement, 1.0 / length)
+        log.ways[part, i] = length * way
+
+
+@kernel("b1(LoopRecord, i8, i8)")
+def is_swift(log: LoopRecord, pair: int, part: int) -> bool:
+    """Return whether a pair moves its thickness in a step at the rate of one of its parts."""
+    length = log.jump if part == 0 else 1.0 - log.jump
+    # written so that a NaN counts as swift
+    return not log.ways[part, pair] <= length * log.thickness[pair]
+
+
 @kernel("b1(MechanismStep, LoopRecord, f8[::1], f8[::1], f8, f8)")
 def may_pass(s: MechanismStep, log: LoopRecord, q: Array, v: Array, h: float, limit: float) -> bool:
     """Return whether a body may pass through another in a step, or a velocity runs away.
@@ -204,11 +230,15 @@ def may_pass(s: MechanismStep, log: LoopRecord, q: Array, v: Array, h: float, li
     if h * fastest > TURN or (1.0 - log.jump) * h * fastest >= HALF_TURN:
         # gains may be what turns it, and the way of what turns so far is not known from its ends
         return True
-    travel, placed = log.travel, False
+    travel, placed, moved = log.travel, False, log.tangents[1]
     write_travels(log.shares, speed, travel)
+    for k in range(n):
+        speed[k] = log.jump * h * v[k]
+    write_ways(s, log, q, speed, log.jump, 0)
+    retract(s.mechanism.calls, q, speed, middle)
+    tangent(s.mechanism.calls, middle, s.q, moved)
+    write_ways(s, log, middle, moved, 1.0 - log.jump, 1)
     for i in range(pairs):
-        # a pair that is farther apart than it travels, there and back, does not pass
-        far = 2.0 * travel[i] * log.thickness[i]
         if travel[i] < 1.0:
             continue
         kind = s.constraints.cache.kind[log.family[i]] if log.family[i] >= 0 else -1
@@ -217,8 +247,15 @@ def may_pass(s: MechanismStep, log: LoopRecord, q: Array, v: Array, h: float, li
             if may_enter(s, log, i, q, v, h):
                 return True
             continue
-        if kind != PAIRS:
+        if kind != PAIRS and kind != BALLS:
             return True
+        first, second = is_swift(log, i, 0), is_swift(log, i, 1)
+        if not (first or second):
+            continue
+        if kind == BALLS:
+            return True
+        # a pair that is farther apart than it travels, there and back, does not pass
+        far = 2.0 * (log.ways[0, i] + log.ways[1, i])
         if far < clearance_of(s.constraints, log.member[i]):
             continue
         if not placed:
@@ -227,13 +264,9 @@ def may_pass(s: MechanismStep, log: LoopRecord, q: Array, v: Array, h: float, li
             placed = True
         if is_beyond(s.constraints.shapes, s.constraints.near, log.member[i], far):
             continue
-        placed, moved = False, log.tangents[1]
-        for k in range(n):
-            moved[k] = log.jump * h * v[k]
-        if may_touch(s, log, i, q, moved, log.jump):
+        placed = False
+        if first and may_touch(s, log, i, q, speed, log.ways[0, i]):
             return True
-        retract(s.mechanism.calls, q, moved, middle)
-        tangent(s.mechanism.calls, middle, s.q, moved)
-        if may_touch(s, log, i, middle, moved, 1.0 - log.jump):
+        if second and may_touch(s, log, i, middle, moved, log.ways[1, i]):
             return True
     return False

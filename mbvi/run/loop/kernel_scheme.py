@@ -101,6 +101,7 @@ class _OneStep:
         if not self._state.enter():
             raise UnsuitableError("the caches of this problem are not those of kernels")
         projector.lend(memory.percussion, memory.start, memory.size)
+        step.at_end[0] = False
         with nullcontext() if self._callbacks is None else self._callbacks.interruptible():
             code = self._kernel(self._held, t, q.copy(), v.copy(), h)
         self._state.leave()
@@ -116,7 +117,8 @@ class _OneStep:
         if slip is not None and len(step.turn):
             slip = np.concatenate([slip, step.turn[: 12 * m].reshape(4, m, 3)], axis=2)
         active = rows_of(step) if m else self._none
-        return Step(t + h, step.q.copy(), step.v.copy(), active, rates, step.residual.item(0), slip if m else None)
+        slip, at_end = slip if m else None, step.at_end.item(0)
+        return Step(t + h, step.q.copy(), step.v.copy(), active, rates, step.residual.item(0), slip, at_end=at_end)
 
 
 def rows_of(step: MechanismStep) -> Rows:

@@ -15,7 +15,8 @@ from ...system.control_table import TRACKING, ControlTable, no_control, side_by_
 from ...system.controls import LoopControl
 from ...system.mechanisms.articulated import ArticulatedSystem
 from ...system.mechanisms.joined import can_be_joined
-from ...system.system import Array, Part, System, located_parts, parts_of
+from ...system.parts import parts_of
+from ...system.system import Array, Part, System, located_parts
 from .step_loop import Loop, loop_with
 
 # most velocities of free bodies, and most with friction: of more, laws take so long that steps of sparse rows are

@@ -21,7 +21,7 @@ from ...system.mechanisms.mechanism import Mechanism
 from ...system.system import Array, System
 from ..accuracy import projector_of
 from ..control_stability import failures_with_time
-from ..retaken import SolvedSteps
+from ..fixed_steps.retaken import SolvedSteps
 from ..start import admitted, closes_none, first_step
 from ..tunnelling import TunnellingGuard
 from .callbacks import python_callbacks

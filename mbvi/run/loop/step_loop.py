@@ -14,7 +14,7 @@ from ...schemes.kernels.moreau_jean import moreau_jean_step
 from ...schemes.kernels.paoli import paoli_step
 from ...schemes.kernels.records import DONE, MechanismStep
 from ...schemes.kernels.stewart_trinkle import stewart_trinkle_step
-from ..recorder import record_depth
+from ..recording.recorder import record_depth
 from .guard import may_pass
 from .loop_record import ROUGH, TURNING, LoopRecord
 
@@ -99,7 +99,7 @@ def run_paoli(
             log.before[a] = memory.percussion[a]
         for a in range(size[1]):
             log.before[MOST_ROWS + a] = memory.start[a]
-        t, log.taken[0] = t0 + (i - 1) * h, i - first
+        t, log.taken[0], s.at_end[0] = t0 + (i - 1) * h, i - first, False
         code = paoli_step(s, t, q, v, h)
         m = rows.size[0]
         if code == DONE and place + m > len(log.number):
@@ -114,6 +114,7 @@ def run_paoli(
                 memory.start[a] = log.before[MOST_ROWS + a]
             return i, count, code
         log.event[i - first], log.penetration[count], log.violation[count] = False, 0.0, 0.0
+        log.at_end[i - first] = s.at_end[0]
         if m > 0:
             rates = s.rates[: 4 * m].reshape((4, m))
             log.event[i - first] = record_depth(

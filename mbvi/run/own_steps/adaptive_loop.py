@@ -39,6 +39,7 @@ class _AdaptiveRecorder(SwitchedRecorder):
 
     def __init__(self, problem: Problem, every: int, notes: Sequence[str], contacts: bool) -> None:
         super().__init__(problem, _ROOM, Adaptive.timing, notes, contacts)
+        self.timing_of_rows = Centered.timing
         self._every, self._since = every, 0
         self._cubics: list[Array] = []
         self.dense = self._cubics

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
@@ -10,13 +11,14 @@ from ...constraints.contact import Contact
 from ...problem import Problem
 from ...projection import Projector
 from ...results.contacts import ContactLog
-from ...schemes import Adaptive, EventDriven, OwnStepsScheme
-from ...schemes.adaptive.integrator import Stride
+from ...schemes import Adaptive, Centered, EventDriven, OwnStepsScheme, Step
+from ...schemes.adaptive.integrator import Stride, Strike
 from ...schemes.contact_friction import friction_of
 from ...schemes.event_driven.impact_event import ImpactEvent
 from ...schemes.event_driven.reactions import reactions
 from ...schemes.observer import contacts_of_step
-from ..recorder import SAME_POINT
+from ..recording.carried_rows import place_of_rows
+from ..recording.recorder import SAME_POINT
 from ..start import initial_step
 from .adaptive_loop import guarded_integrator
 
@@ -36,7 +38,7 @@ class _AdaptiveSteps:
     """
 
     def __init__(self, problem: Problem, scheme: Adaptive, projector: Projector) -> None:
-        start = initial_step(problem, projector)
+        start, self._problem = initial_step(problem, projector), problem
         self.integrator, self._observe = guarded_integrator(problem, scheme, projector, start, None)
         self.contacts = contacts_of_step(start, 0.0, problem.constraints.name)
 
@@ -45,9 +47,17 @@ class _AdaptiveSteps:
         for part in self.integrator.run(time):
             if isinstance(part, Stride) and self._observe is not None:
                 self._observe(part.second, part.second.t - part.first.t)
-            for step in (part.first, part.second) if isinstance(part, Stride) else (part.step,):
-                rows = step.active
-                log.add(rows.constraint, rows.point, rows.normal, step.percussion, friction_of(step))
+            for before, step in _steps_of(part):
+                rows, place = step.active, partial(place_of_rows, self._problem, Centered.timing, before, step)
+                log.add(rows.constraint, rows.point, rows.normal, step.percussion, friction_of(step), place=place)
+
+
+def _steps_of(part: Stride | Strike) -> tuple[tuple[Step, Step], ...]:
+    """Return the steps of a part of a run, each with the state before it, an impact with its own."""
+    if isinstance(part, Strike):
+        return ((part.step, part.step),)
+    start = part.first._replace(t=part.t0, q=part.q0, v=part.v0)
+    return (start, part.first), (part.first, part.second)
 
 
 class _EventDrivenSteps:
@@ -119,6 +129,7 @@ class OwnStepper:
         # of `EventDriven` a contact that stays closed is one contact, however far it slides
         same = SAME_POINT * problem.length if isinstance(self._scheme, Adaptive) else np.inf
         log = ContactLog(same, frictional=frictional, resisting=resisting)
+        log.constraints = problem.constraints
         steps.take(end - steps.integrator.t, log)
         log.close()
         steps.integrator.t, self.done, self._steps = end, self.done + 1, steps

@@ -52,7 +52,7 @@ class Connections:
         Raises
         ------
         InputError
-            If a name is unknown, neither moves, both are the same, or the point is none.
+            If a name is unknown, neither moves, one has a prescribed motion, both are the same, or the point is none.
 
         Notes
         -----
@@ -192,6 +192,10 @@ class Connections:
         known |= {n: True for s in items.spheres for n in s.names()}
         known |= {link: moves for robot in items.robots for link, moves in robot.links().items()}
         if printable(body, "the name of a body") in known:
+            if any(b.name == body and b.motion is not None for b in items.bodies):
+                raise InputError(
+                    f"{body} has a prescribed motion, which nothing that is connected with it would follow"
+                )
             return known[body]
         if any(robot.robot.name == body for robot in items.robots):
             links = [link for link in known if link.startswith(f"{body}/")]

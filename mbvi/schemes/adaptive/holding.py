@@ -107,10 +107,11 @@ class HoldingCentered(Centered):
         if self.resting is None or not len(self.resting.gap):
             return super().rows_ahead(problem, nearby, q, v, h)
         moved, _ = problem.system.coast(v, h)
-        margins = near_margins(problem, True, moved)
+        margins = near_margins(problem, True, moved, nearby.t - h, q, h)
         # constraints of the user do not say how far their bodies travel
         travel = max(problem.constraints.travel(moved), self._measure.size(moved) * problem.length)
-        far = np.maximum(margins, np.minimum(_TRAVEL * travel + margins, _FARTHEST * problem.length))
+        near = margins.largest
+        far = np.maximum(near, np.minimum(_TRAVEL * travel + near, _FARTHEST * problem.length))
         ahead = nearby.at(problem.system.integrate(q, moved), far)
         joins = joining(problem, ahead, margins, h * ahead.speeds(moved / h))
         rests = match_contacts(ahead, self.resting) >= 0

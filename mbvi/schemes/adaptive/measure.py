@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...problem import Problem
-from ...system.lengths import velocity_units
+from ...system.parts import velocity_units
 
 Array = np.ndarray
 

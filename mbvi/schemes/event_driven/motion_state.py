@@ -6,7 +6,7 @@ import numpy as np
 
 from ...problem import Problem
 from ...projection import Projector
-from ...system.lengths import velocity_units
+from ...system.parts import velocity_units
 from ...system.system import Array
 from ..step import Step
 from .finding.closing_events import ClosingEvents

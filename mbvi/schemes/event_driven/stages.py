@@ -22,9 +22,9 @@ from ...constraints.mechanism.held_rows import (
 from ...constraints.mechanism.pairs import PairShapes
 from ...geometry.shapes.shape_table import Shapes  # noqa: F401  (a signature names it)
 from ...projection.tree_factor import factor_mass, least_change, span_equalities, unwhiten, whiten
+from ...system.mechanisms.by_address.pinocchio_address import retract
 from ...system.mechanisms.chart import joint_chart_rates
 from ...system.mechanisms.mechanism import Mechanism, evaluate_nonlinear_effects, place, weigh
-from ...system.mechanisms.pinocchio_address import retract
 from ...system.system import Array
 from .rows.contact_rows import SmoothRows
 from .rows.known_pairs import KnownPairs, write_distances

@@ -12,7 +12,8 @@ from ...compiled import kernel, plain_array
 from ...constraints import Rows
 from ...problem import Problem
 from ...system import System
-from ...system.system import Array, parts_of
+from ...system.parts import parts_of
+from ...system.system import Array
 from ..positions.displacement_kernel import independent_groups
 
 

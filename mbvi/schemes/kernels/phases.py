@@ -21,6 +21,7 @@ from ...projection.dense.fused_step import FEW
 from ...projection.dense.robot_step import law_of_rows, newton_law
 from ...projection.row_speeds import row_speeds
 from ...projection.tree import advance_by, factor_again
+from ...projection.tree_factor import DEPENDENT, keep_equalities, span_equalities
 from ...system.control_table import write_torque
 from ...system.free.spinning import spin_effects
 from ...system.mechanisms.mechanism import carry, evaluate_nonlinear_effects, weigh
@@ -150,6 +151,35 @@ def write_rates_of(s: MechanismStep, rows: RowBuffer, v: Array, p: Array) -> Non
     write_rates(s, rows, v)
 
 
+@kernel("void(MechanismStep, f8[::1])")
+def take_along_equalities(s: MechanismStep, v: Array) -> None:
+    """Keep of the free motion and of v what keeps the equalities; `room.across` has what the free motion loses."""
+    room, parent = s.room, s.mechanism.parent
+    for k in range(len(v)):
+        room.across[k] = room.free[k]
+    keep_equalities(room.L, parent, room.free)
+    keep_equalities(room.L, parent, v)
+    for k in range(len(v)):
+        room.across[k] -= room.free[k]
+
+
+@kernel("void(MechanismStep, f8[::1], f8[::1])")
+def keep_those_at(s: MechanismStep, q: Array, v: Array) -> None:
+    """Let the room's factor of M keep the equalities at q, and the free motion and v what keeps them there."""
+    m, L = s.mechanism, s.room.L
+    weigh(m, q)
+    span_equalities(m.mass, m.parent, DEPENDENT, L, L[:0])
+    keep_equalities(L, m.parent, s.room.free)
+    keep_equalities(L, m.parent, v)
+
+
+@kernel("void(MechanismStep)")
+def add_across(s: MechanismStep) -> None:
+    """Add to the velocity after the law what does not keep the equalities; see `along_equalities`."""
+    for k in range(len(s.v)):
+        s.v[k] += s.room.across[k]
+
+
 @kernel("i8(MechanismStep, f8[::1], f8, b1, f8[::1])")
 def apply_law(s: MechanismStep, v: Array, h: float, twice: bool, opened: Array) -> int:
     """Write the velocity, the rates and the residual that the law gives, where there are rows; return a code.
@@ -161,20 +191,32 @@ def apply_law(s: MechanismStep, v: Array, h: float, twice: bool, opened: Array) 
     s : MechanismStep
         With the rows of the law, where the law acts, and the forces there.
     v : ndarray, shape (nv,)
-        The velocity before.
+        The velocity before. With `twice` it keeps afterwards only what keeps the equalities.
     h : float
         Length of the step [s].
     twice : bool
-        See `advance_by`.
+        See `advance_by`, and `along_equalities` for the law.
     opened : ndarray, shape (k,) or (0,)
         See `closing_speeds`.
     """
+    if not write_free_motion(s, v, h, twice):
+        return UNSOLVED
+    held = twice and len(s.mechanism.equalities.gap) > 0
+    if held:
+        take_along_equalities(s, v)
+    code = apply_law_of_rows(s, v, h, opened)
+    if held and code == DONE:
+        add_across(s)
+    return code
+
+
+@kernel("i8(MechanismStep, f8[::1], f8, f8[::1])")
+def apply_law_of_rows(s: MechanismStep, v: Array, h: float, opened: Array) -> int:
+    """Do what `apply_law` does, where the room has the free motion and the factor of M."""
     m, rows, memory, k = s.mechanism, s.rows, s.memory, s.rows.size[0]
     limit = 0.0 if k <= FEW else 1e-3 * s.scales.residual
     J, e, rates = rows.J[:k], rows.e[:k], s.rates[: 4 * k].reshape((4, k))
     rough = has_friction(rows)
-    if not write_free_motion(s, v, h, twice):
-        return UNSOLVED
     if joints_with_friction(m.friction) > 0 or (rough and (len(rows.R) > 0 or k > MOST_CONTACTS)):
         return apply_law_with_joints(s, v, h, opened)
     if not rough:

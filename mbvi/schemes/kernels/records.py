@@ -81,9 +81,9 @@ class Scales(NamedTuple):
 
 
 @record(
-    "f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:,::1], f8[::1],"
-    " f8[::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1],"
-    " f8[::1], i8[::1], i8[::1], i8[::1], b1[::1], b1[::1], b1[::1], b1[::1]"
+    "f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:,::1],"
+    " f8[::1], f8[::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1],"
+    " f8[::1], f8[::1], i8[::1], i8[::1], i8[::1], b1[::1], b1[::1], b1[::1], b1[::1]"
 )
 class Room(NamedTuple):
     """Room within a step: kernels that make no arrays are faster.
@@ -92,9 +92,9 @@ class Room(NamedTuple):
     ----------
     torque, drift, force_velocity, free, displacement, moved, tangent : ndarray, shape (nv,)
         Tangent vectors.
-    before, after, damping : ndarray, shape (nv,)
-        Of `Centered` the velocity in the middle of the step before the law, and that at its end; the damping of the
-        step.
+    before, after, across, damping : ndarray, shape (nv,)
+        Of `Centered` the velocity in the middle of the step before the law, and that at its end; what does not keep the
+        equalities of the one after the law; the damping of the step.
     changes : ndarray, shape (2, nv)
         Room of `advance_by`.
     end, middle : ndarray, shape (nq,)
@@ -129,6 +129,7 @@ class Room(NamedTuple):
     tangent: Array
     before: Array
     after: Array
+    across: Array
     damping: Array
     changes: Array
     end: Array
@@ -155,7 +156,7 @@ class Room(NamedTuple):
 
 def room(nq: int, nv: int, equalities: int, parts: int) -> Room:
     """Return room for a mechanism of some parts, with some rows of equalities."""
-    tangents, places = np.zeros((10, nv)), np.zeros((2, nq))
+    tangents, places = np.zeros((11, nv)), np.zeros((2, nq))
     factors, solved = np.zeros((2, nv + equalities, nv)), np.zeros((2, MOST_ROWS, nv))
     floats, table, of_parts = np.zeros((4, MOST_ROWS)), np.zeros(8 * MOST_ROWS), np.zeros((2, parts))
     numbers, masks = np.zeros((2, MOST_ROWS), np.int64), np.zeros((4, MOST_ROWS), bool)
@@ -167,7 +168,8 @@ def room(nq: int, nv: int, equalities: int, parts: int) -> Room:
 
 @record(
     "Mechanism, FreeBodyTable, MechanismConstraints, LawMemory, Scales, ControlTable, i8[::1], Room, RowBuffer,"
-    " RowBuffer, RowBuffer, f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:,::1], i8[::1]"
+    " RowBuffer, RowBuffer, f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:,::1], i8[::1],"
+    " b1[::1]"
 )
 class MechanismStep(NamedTuple):
     """A mechanism with its constraints, and room for one step.
@@ -198,6 +200,8 @@ class MechanismStep(NamedTuple):
         Receives `Step.correction`; of no size where positions are not projected.
     corrected : ndarray of int, shape (1,)
         Receives of how many rows it is: all or none.
+    at_end : ndarray of bool, shape (1,)
+        Receives `Step.at_end` where it is true.
     """
 
     mechanism: Mechanism
@@ -219,3 +223,4 @@ class MechanismStep(NamedTuple):
     residual: Array
     correction: Array
     corrected: Array
+    at_end: Array

@@ -11,8 +11,8 @@ from ...projection.positions.travel import write_largest_of_parts, write_largest
 from ...projection.row_speeds import row_speeds
 from ...projection.tree import factor
 from ...system.free.sparse_rows import MOST_DENSE
+from ...system.mechanisms.by_address.pinocchio_address import retract
 from ...system.mechanisms.mechanism import carry, place
-from ...system.mechanisms.pinocchio_address import retract
 from ...system.system import Array
 from ..gap_bounds.reach import spread_reach, write_largest_of_groups
 from ..positions.displacement_kernel import independent_groups
@@ -131,7 +131,7 @@ def stewart_trinkle_step(s: MechanismStep, t: float, q: Array, v: Array, h: floa
     # the mass matrix at q, also where forces are damped
     if factor(m.mass, 0.0, m.damping, m.parent, room.L):
         return UNSOLVED
-    s.constraints.given.time[0] = t + 0.5 * h
+    s.constraints.given.time[0] = t
     code = active_rows(m, s.constraints, q[:0], displacement, q, reach, rows)
     if code != FOUND:
         return code

@@ -40,6 +40,9 @@ class Applied(NamedTuple):
         What the rows of the law are at the end of the step, in the same order; None where this is not to be used.
     bouncing : ndarray, shape (parts,), or None
         1 for the parts of which it is not to be used either, because some contact may bounce, and 0 for others.
+    across : ndarray, shape (nv,), or None
+        What is added to the velocity after the law: its part that does not keep the equalities. Free motion and v have
+        none then.
     coasts : bool
         Whether bodies move from there as `System.coast` does, and not along the retraction.
     """
@@ -52,6 +55,7 @@ class Applied(NamedTuple):
     opened: Array | None = None
     ahead: Rows | None = None
     bouncing: Array | None = None
+    across: Array | None = None
     coasts: bool = False
 
     def end(self, system: System, w: Array, time: float) -> tuple[Array, Array]:

@@ -126,3 +126,18 @@ def bears_or_sinks(s: MechanismStep, h: float) -> bool:
         if s.rates[a] > 0.0 or depth > s.scales.tolerance:
             return True
     return False
+
+
+@kernel("b1(MechanismStep, f8, b1[::1])")
+def sticking_contacts(s: MechanismStep, h: float, sticks: Array) -> bool:
+    """Find which rows of the law stick; return whether there are any."""
+    k, some = len(sticks), False
+    for a in range(k):
+        percussion = after = 0.0
+        for c in range(2):
+            percussion += s.slip[2 * a + c] ** 2
+            after += s.slip[2 * (2 * k + a) + c] ** 2
+        slow = h * np.sqrt(after) <= s.scales.tolerance
+        sticks[a] = s.rates[a] > 0.0 and percussion > 0.0 and slow
+        some = some or sticks[a]
+    return some

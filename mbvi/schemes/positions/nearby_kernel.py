@@ -13,8 +13,8 @@ from ...constraints.mechanism.rows import active_rows
 from ...constraints.mechanism.tables import FOUND, RowBuffer, copy_row, rows_for
 from ...constraints.rows import mutual_nearest
 from ...projection.positions.travel import write_largest_of_parts, write_travels_of_parts
+from ...system.mechanisms.by_address.pinocchio_address import tangent
 from ...system.mechanisms.mechanism import carry
-from ...system.mechanisms.pinocchio_address import tangent
 from ...system.system import Array
 from ..kernels.records import MechanismStep
 from .nearby_rows import mark_unknown

@@ -47,7 +47,7 @@ class NearbyRows:
     """
 
     def __init__(self, problem: Problem, t: float, *, linear: bool) -> None:
-        self._problem, self._t, self._part = problem, t, problem.constraints.part
+        self._problem, self.t, self._part = problem, t, problem.constraints.part
         self._still = np.zeros(self._part[-1] + 1)
         self._reach = linear_reach(problem) if linear else self._still
         # the last search: the rows, where, and of each part the margin
@@ -87,7 +87,7 @@ class NearbyRows:
             self._q, self._last = system.integrate(self._q, moved), None
             self._margins = np.where(self._renewed, margins, self._margins)
         margins = self._margins + 2.0 * self._reach
-        rows = self._problem.constraints.active(self._t, self._q, tolerance + margins.max())
+        rows = self._problem.constraints.active(self.t, self._q, tolerance + margins.max())
         known = self._are_within(rows, margins)
         self._rows = rows if known.all() else take(rows, known)
 

@@ -9,9 +9,10 @@ from ...constraints.carried import Place, carried_along
 from ...constraints.rows import concatenate, match_contacts, renewed, take
 from ...errors import ProjectionError
 from ...problem import Problem
-from ...projection import Projector
+from ...projection import FreeMotion, Projector
 from ...projection.positions.travel import MOST_LINEARISATIONS, NEARBY, largest_of_parts, largest_of_rows
 from ...projection.row_speeds import times
+from ...projection.tree import tangent
 from ...system.system import Array
 from ..row_projection import project_rows, slip_rates
 from ..step import Step, advance_gaps, closing_speeds
@@ -192,7 +193,9 @@ def _with_bounds(
     x = free if start is None else start
     w, percussion, residual, tangential = project_rows(projector, x, applied.motion.metric, rows, lower)
     rates = np.array([percussion, rows.speeds(free), rows.speeds(w), rows.speeds(applied.v)])
-    return Step(step.t, step.q, w, rows, rates, residual, slip_rates(rows, tangential, free, w, applied.v))
+    slip = slip_rates(rows, tangential, free, w, applied.v)
+    w = w if applied.across is None else w + applied.across
+    return Step(step.t, step.q, w, rows, rates, residual, slip)
 
 
 def _with_tangent_velocity(
@@ -213,12 +216,18 @@ def _with_tangent_velocity(
     the end of the step, and `place` has the axes of the rows of the projected configuration.
     """
     law, step = step, step._replace(v=applied.end(problem.system, step.v, step.t - applied.t)[1])
+    # gradients of contacts and of equalities are those at one place: where both hold a body against each other, the
+    # percussions depend on what rounding leaves of their differences
+    metric = problem.system.keeping(place, applied.motion.metric)
+    v, free = tangent(metric, applied.v), tangent(metric, applied.motion.free)
+    applied = applied._replace(v=v, motion=FreeMotion(free, metric))
     rows = marks._replace(restitution=step.active.restitution)
     near, unmatched = projected.near, np.ones(len(closed), bool)
     unmatched[owner] = False
     rest_of_law = np.flatnonzero(unmatched)
-    # the projection changed the gradients of closed contacts: that must not make them bounce
-    near = near._replace(restitution=np.where(closed[owner], 0.0, near.restitution))
+    # the projection changed the gradients of closed contacts: that must not make them bounce. The law may have lowered
+    # the restitution of others
+    near = near._replace(restitution=np.where(closed[owner], 0.0, step.active.restitution[owner]))
     if unmatched.any():
         rows = concatenate([near, with_gradients_at(problem, step.t, place, take(rows, unmatched))])
     else:
@@ -237,8 +246,9 @@ def _with_tangent_velocity(
         lower = np.where(stays & (may_open > 0.0), np.minimum(lower, -may_open), lower)
     before, order = step, np.concatenate([owner, rest_of_law])
     start = without_percussions(problem, applied.motion, step, rows, order)
+    start = None if start is None else tangent(metric, start)
     step = _with_bounds(applied, step, rows, lower, projector, start)
-    step = step._replace(q=projected.q, residual=max(step.residual, projected.residual))
+    step = step._replace(q=projected.q, residual=max(step.residual, projected.residual), at_end=True)
     step = with_momentum(problem, step, place, before.q, before.v)
     step = with_the_rest_of_law(problem, law, before.v, step, order, projected.displacement)
     return with_corrections(problem, law, before, step, order, place)

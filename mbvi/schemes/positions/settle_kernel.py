@@ -11,14 +11,15 @@ from ...constraints.tangents import write_along_axes
 from ...projection.dense.orthonormal_rows import inner
 from ...projection.positions.closed_contacts import stays_sunk
 from ...projection.positions.travel import MOST_LINEARISATIONS, NEARBY, write_largest_of_rows
+from ...projection.tree_factor import keep_equalities
 from ...system.free.free_momentum import keep_momentum_of_rows
 from ...system.mechanisms.mechanism import glide, place
 from ...system.system import Array
-from ..kernels.phases import write_rates_at
+from ..kernels.phases import add_across, keep_those_at, write_rates_at
 from ..kernels.records import DONE, MechanismStep
 from .bounds_kernel import apply_bounds
 from .carried_kernel import carry_along
-from .closed_kernel import bears_or_sinks, closed_contacts
+from .closed_kernel import bears_or_sinks, closed_contacts, sticking_contacts
 from .corrections import correct_displaced, correct_turn
 from .displacement_kernel import IMPOSSIBLE, Sunk, raise_sunk
 from .free_impulses import acts_on_free_bodies, start_of_tangent_law
@@ -45,21 +46,6 @@ def take_velocity_of_end(s: MechanismStep) -> None:
     """Write the velocity at the end of a step in the place of that after the law."""
     for k in range(len(s.v)):
         s.v[k] = s.room.after[k]
-
-
-@kernel("b1(MechanismStep, f8, b1[::1])")
-def sticking_contacts(s: MechanismStep, h: float, sticks: Array) -> bool:
-    """Find which rows of the law stick; return whether there are any."""
-    k, some = len(sticks), False
-    for a in range(k):
-        percussion = after = 0.0
-        for c in range(2):
-            percussion += s.slip[2 * a + c] ** 2
-            after += s.slip[2 * (2 * k + a) + c] ** 2
-        slow = h * np.sqrt(after) <= s.scales.tolerance
-        sticks[a] = s.rates[a] > 0.0 and percussion > 0.0 and slow
-        some = some or sticks[a]
-    return some
 
 
 @kernel("b1(MechanismStep, f8[::1], f8, RowBuffer, f8[::1], f8[::1])")
@@ -180,6 +166,8 @@ def join_law(
             lower[i] = min(lower[i], -slack[i])
     code = apply_bounds(s, rows, v, s.room.free, lower, 2.0 * half)
     if code == DONE:
+        if len(s.mechanism.equalities.gap) > 0:
+            add_across(s)
         glide_to_end(s, half)
     else:
         # the law is solved for the rows before
@@ -212,8 +200,9 @@ def follow(s: MechanismStep, v: Array, half: float, sunk: Sunk, near: RowBuffer,
     copy_rows(near, there)
     for j in range(m):
         order[j], left[owner[j]] = owner[j], False
-        # the projection changed the gradients of closed contacts: that must not make them bounce
-        there.e[j] = 0.0 if room.closed[owner[j]] else near.e[j]
+        # the projection changed the gradients of closed contacts: that must not make them bounce.
+        # The law may have lowered the restitution of others
+        there.e[j] = 0.0 if room.closed[owner[j]] else e[owner[j]]
     for a in range(k):
         if left[a]:
             order[i] = a
@@ -226,6 +215,11 @@ def follow(s: MechanismStep, v: Array, half: float, sunk: Sunk, near: RowBuffer,
         for i in range(m, k):
             if acts_on_free_bodies(s, there, i):
                 write_gradients(s.mechanism, s.constraints, there, i)
+    held = len(s.mechanism.equalities.gap) > 0
+    if held:
+        # gradients of contacts and of equalities are those at one place: where both hold a body against each other, the
+        # percussions depend on what rounding leaves of their differences
+        keep_those_at(s, room.end, v)
     for i in range(k):
         a, lower[i] = order[i], -there.e[i] * inner(there.J[i], v)
         # a gap that the projection left open may close until the next law: otherwise its body would fall freely; a
@@ -242,9 +236,13 @@ def follow(s: MechanismStep, v: Array, half: float, sunk: Sunk, near: RowBuffer,
     own = np.empty((k if len(s.bodies.mass) > 0 else 0, 6))
     if len(own) > 0:
         correct_turn(s, there, order, slip, turn, own)
+    if held:
+        keep_equalities(room.L, s.mechanism.parent, start)
     code = apply_bounds(s, there, v, start, lower, 2.0 * half)
     if code != DONE:
         return code
+    if held:
+        add_across(s)
     s.residual[0] = max(s.residual[0], sunk.residual[0])
     copy_rows(there, s.rows)
     if len(s.bodies.mass) > 0:
@@ -256,6 +254,7 @@ def follow(s: MechanismStep, v: Array, half: float, sunk: Sunk, near: RowBuffer,
         correct_displaced(s, sunk.place, own)
     for j in range(len(s.q)):
         s.q[j] = sunk.place[j]
+    s.at_end[0] = True
     return DONE
 
 

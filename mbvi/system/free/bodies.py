@@ -106,6 +106,9 @@ class Spheres(System):
         reach[3 * body - 3 : 3 * body] = 1.0
         return reach
 
+    def go_straight(self) -> Array:
+        return np.ones(self.nv, bool)
+
     def describe(self) -> str:
         n = self.independent_bodies
         return f"{n} sphere{'s' * (n > 1)}, {self.nv // n} degrees of freedom{' each' * (n > 1)}"
@@ -276,6 +279,9 @@ class FreeBodies(System):
 
     def are_lengths(self) -> Array:
         return self._lengths.copy()
+
+    def go_straight(self) -> Array:
+        return self.are_lengths()
 
     def unit_groups(self) -> list[Array]:
         return [7 * np.arange(self.independent_bodies)[:, None] + np.arange(3, 7)]

@@ -13,7 +13,7 @@ from scipy.linalg import lapack
 from ...arguments import all_finite, returned
 from ...compiled import held, plain_array
 from ...errors import InputError, ProjectionError
-from ...projection import TreeFreeMotion, TreeMetric, in_flight
+from ...projection import Metric, TreeFreeMotion, TreeMetric, in_flight
 from ...projection.tree import damp_slowed
 from ...projection.tree_factor import least_change
 from ..actuators import Actuators, DrivenActuators
@@ -23,22 +23,14 @@ from ..free.spinning import free_links, remove_spin_effects, spin_effects
 from ..given import not_finite
 from ..joint_forces import JointForce, add_row_forces, force_rows, spring_energy
 from ..system import Array, Kinematics, System
-from .equalities import EACH_ITS_OWN, FIRST_FINDS, Equality, PointRows, equalities_of, write_gaps, write_rows
-from .joint_tree import JointTree, carriers, joint_tree, place_joints, weigh_joints, write_effects
+from .by_address.pinocchio_check import reason_for_bindings
+from .coordinates import lengths, reach, straight_velocities, uncounted_armature, unit_groups
+from .equalities import EACH_ITS_OWN, FIRST_FINDS, Equality, PointRows
+from .evaluation import Evaluation
 from .mechanism import Mechanism, close, dry_friction, mechanism
-from .memory import read_results
-from .pinocchio_check import reason_for_bindings
-from .separation import separation, write_bias
+from .separation import separation
 
 Control = Callable[[float, Array, Array], Array]
-
-# reach of velocities without a known bound; its square is finite, so that products with a zero velocity are no NaN
-_UNBOUNDED = 1e150
-
-# joints whose armature Pinocchio 4.1 adds to the mass matrix and not to the kinetic energy
-_ARMATURE_LEFT_OUT = ("JointModelRevoluteUnaligned",)
-
-_WORLD = pin.Convention.WORLD
 
 
 @cache
@@ -91,11 +83,7 @@ class ArticulatedSystem(System):
         self._damped = bool(self.damping.any())
         self.friction: Array = dry_friction(model)
         self.has_joint_friction = bool(self.friction.any())
-        # armature that Pinocchio leaves out of the kinetic energy
-        self._uncounted: Array = np.array(model.armature, dtype=float)
-        for joint in list(model.joints)[1:]:
-            if joint.shortname() not in _ARMATURE_LEFT_OUT:
-                self._uncounted[joint.idx_v : joint.idx_v + joint.nv] = 0.0
+        self._uncounted = uncounted_armature(model)
         self._zero = np.zeros(self.nv)
         # generalised force from outside the mechanism, added to the torque of the control
         self.applied: Array = self._zero
@@ -103,40 +91,7 @@ class ArticulatedSystem(System):
         self._flat = all(joint.nv == 1 for joint in list(model.joints)[1:])
         # number of leading velocities for which it is not; joints are independent of each other
         self._curved = max((j.idx_v + j.nv for j in list(model.joints)[1:] if j.nv > 1), default=0)
-        # the configuration of the data: its bytes and, if the array is read-only, the array itself
-        self._key: bytes | None = None
-        self._current: Array | None = None
-        # the last result of `integrate`, which is read-only
-        self._integrated: Array | None = None
-        self._metric: TreeMetric | None = None
-        # the parent of each velocity in the tree
-        self._parent = carriers(model)
-        # kernels compute poses, columns and mass matrix where they know every joint, else Pinocchio does
-        tree = self._tree = joint_tree(model, self._parent)
-        self._known = len(tree.kind) > 0
-        poses, columns, self._mass = (
-            (tree.poses, tree.columns, tree.mass) if self._known else read_results(model, self._data)
-        )
-        self._closed = equalities_of(self.equalities, self.nq, self.nv)
-        if self.equalities:
-            # M, then the rows of the equalities
-            self._mass = np.zeros(self._closed.L.shape)
-            self._tree = tree._replace(mass=self._mass[: self.nv]) if self._known else tree
-        self._support = np.zeros((model.njoints, self.nv))
-        for joint in range(1, model.njoints):
-            for ancestor in list(model.supports[joint])[1:]:
-                first = model.idx_vs[ancestor]
-                self._support[joint, first : first + model.nvs[ancestor]] = 1.0
-        self._kinematics = Kinematics(poses, columns, self._support)
-
-    # made where Pinocchio computes: of many bodies this takes seconds
-    @cached_property
-    def _data(self) -> pin.Data:
-        return self.model.createData()
-
-    @cached_property
-    def _energy_data(self) -> pin.Data:
-        return self.model.createData()
+        self.evaluation = Evaluation(model, self.equalities)
 
     def __reduce__(self) -> tuple[type, tuple[Any, ...]]:
         # a copy makes its own Data, because the arrays kept here lie in the memory of this one
@@ -154,7 +109,7 @@ class ArticulatedSystem(System):
                 )
         # read-only, so that results computed for this array remain valid
         new.setflags(False)
-        self._integrated = new
+        self.evaluation.latest = new
         return new
 
     def share_closings(self, shared: bool) -> None:
@@ -181,8 +136,9 @@ class ArticulatedSystem(System):
         if reason_for_bindings() is not None:
             return None
         # kernels that know every joint ask Pinocchio for nothing that it computes into its data
-        data = _no_data() if self._known else self.model.createData()
-        return mechanism(self.model, data, self._support, self._tree, self._free, self.equalities)
+        at = self.evaluation
+        data = _no_data() if at.known else self.model.createData()
+        return mechanism(self.model, data, at.support, at.tree, self._free, self.equalities)
 
     @cached_property
     def _closing(self) -> Mechanism:
@@ -193,9 +149,7 @@ class ArticulatedSystem(System):
         return held(made)
 
     def gaps(self, q: Array) -> Array:
-        self._refresh(q)
-        write_gaps(self._closed, self._kinematics.poses, plain_array(q))
-        return self._closed.gap.copy()
+        return self.evaluation.gaps(q)
 
     def equality_names(self) -> list[str]:
         """Return the connection or coupling of each equality: points first, as in `Equalities`."""
@@ -209,8 +163,8 @@ class ArticulatedSystem(System):
         return self.equality_names()[int(np.nan_to_num(np.abs(self.gaps(q)), nan=np.inf).argmax())]
 
     def equality_gradients(self, q: Array) -> Array:
-        self._refresh(q)
-        return self._mass[self.nv :].copy()
+        self.evaluation.at(q)
+        return self.evaluation.mass[self.nv :].copy()
 
     def closed(self, q: Array) -> Array:
         new = np.array(q, dtype=float)
@@ -221,44 +175,13 @@ class ArticulatedSystem(System):
     def tangent(self, q: Array, v: Array) -> Array:
         return self.metric(q).tangent(v) if self.equalities else v.copy()
 
-    @cached_property
-    def _held(self) -> JointTree:
-        return held(self._tree)
-
-    def _refresh(self, q: Array) -> None:
-        """Compute placements, Jacobian columns and mass matrix at q, once for each q."""
-        key = q.tobytes()
-        if key != self._key:
-            if self._known:
-                place_joints(self._held, plain_array(q))
-                weigh_joints(self._held)
-            else:
-                # in the world convention crba also fills data.J and data.oMi
-                pin.crba(self.model, self._data, q, _WORLD)
-                for array, read in zip(
-                    (*self._kinematics[:2], self._mass[: self.nv]), read_results(self.model, self._data), strict=True
-                ):
-                    array[:] = read
-            if self.equalities:
-                write_rows(self._closed, *self._kinematics, self._mass)
-            self._metric, self._key = None, key
-        self._current = q if q is self._integrated or not q.flags.writeable else None
-
-    def _effects(self, q: Array, v: Array) -> Array:
-        """Return the nonlinear effects at q and v, shape (nv,)."""
-        if not self._known:
-            return pin.nonLinearEffects(self.model, self._data, q, v)
-        if q is not self._current:
-            self._refresh(q)
-        write_effects(self._held, plain_array(v))
-        return self._tree.effects.copy()
+    def keeping(self, q: Array, metric: Metric) -> Metric:
+        if not (self.equalities and isinstance(metric, TreeMetric)):
+            return metric
+        return metric.keeping(self.equality_gradients(q))
 
     def metric(self, q: Array) -> TreeMetric:
-        if q is not self._current:
-            self._refresh(q)
-        if self._metric is None:
-            self._metric = TreeMetric(self._mass, self._parent)
-        return self._metric
+        return self.evaluation.metric(q)
 
     def torque(self, t: float, q: Array, v: Array) -> Array:
         tau = self._zero if self.control is None else self._checked(t, q, v)
@@ -281,7 +204,7 @@ class ArticulatedSystem(System):
 
     def force(self, t: float, q: Array, v: Array) -> Array:
         torque = self.torque(t, q, v)
-        g = torque - self._effects(q, v)
+        g = torque - self.evaluation.effects(q, v)
         return g - self.damping * v if self._damped else g
 
     def free_velocity(self, t: float, q: Array, v: Array, h: float) -> Array:
@@ -320,20 +243,19 @@ class ArticulatedSystem(System):
         `twice` is that of `advance_by`, and `spins` is whether gyroscopic torques of free bodies act. `damping` is that
         of the joints unless given.
         """
-        if q is not self._current:
-            self._refresh(q)
         torque = self.torque(t, q, at)
-        effects = self._effects(q, at)
+        effects = self.evaluation.effects(q, at)
         if not v.flags.carray:
             v = plain_array(v)
         if self._spins and spins:
             spin_effects(self._free, v, plain_array(at), h, plain_array(torque), effects)
         elif self._spins:
             remove_spin_effects(self._free, plain_array(at), effects)
-        # a later evaluation at another q overwrites Pinocchio's mass matrix
+        # the control may have evaluated the mechanism at another q
+        self.evaluation.at(q)
         return TreeFreeMotion(
-            self._mass.copy(), self.damping if damping is None else damping, self._parent, v, h, torque, effects, twice,
-            self.friction if self.has_joint_friction else None,
+            self.evaluation.mass.copy(), self.damping if damping is None else damping, self.evaluation.parent, v, h,
+            torque, effects, twice, self.friction if self.has_joint_friction else None,
         )  # fmt: skip
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
@@ -344,13 +266,13 @@ class ArticulatedSystem(System):
         torque = self.torque(t, q, v)
         if self._damped:
             torque = torque - self.damping * v
-        return pin.aba(self.model, self._data, q, v, torque)
+        return pin.aba(self.model, self.evaluation.data, q, v, torque)
 
     def held_acceleration(self, q: Array, v: Array, free: Array) -> Array:
         if not self.equalities:
             return free
         metric, change = self.metric(q), np.empty(self.nv)
-        e, rate = self._closed, self._mass[self.nv :] @ free
+        e, rate = self.evaluation.closed, self.evaluation.mass[self.nv :] @ free
         m = len(e.normals)
         if m:
             # n . (acceleration of the second point less that of the first) at constant v
@@ -358,12 +280,12 @@ class ArticulatedSystem(System):
             sides = [self.point_bias(q, v, e.bodies[:, k].copy(), points[k]) for k in (0, 1)]
             turned = np.einsum("icr,ic->ir", self.kinematics(q).poses[e.bodies[:, 0], :3], e.normals)
             rate[:m] += ((sides[1] - sides[0]) * turned).sum(axis=1)
-        least_change(metric.lower, self._parent, metric.triangle, rate, change)
+        least_change(metric.lower, self.evaluation.parent, metric.triangle, rate, change)
         return free + change
 
     def supported(self, bodies: Sequence[int]) -> Array:
         """Return which velocities move some of the bodies, shape (nv,) of bool."""
-        moved: Array = self._support[list(bodies)].max(axis=0) > 0.0
+        moved: Array = self.evaluation.support[list(bodies)].max(axis=0) > 0.0
         return moved
 
     def chart_rate(self, q: Array, dv: Array, v: Array) -> Array:
@@ -375,90 +297,47 @@ class ArticulatedSystem(System):
         return rate
 
     def kinetic_energy(self, q: Array, v: Array) -> float:
-        counted = float(pin.computeKineticEnergy(self.model, self._energy_data, q, v))
+        counted = float(pin.computeKineticEnergy(self.model, self.evaluation.other_data, q, v))
         return counted + 0.5 * float(self._uncounted @ (v * v))
 
     def potential_energy(self, t: float, q: Array) -> float:
-        weight = float(pin.computePotentialEnergy(self.model, self._energy_data, q))
+        weight = float(pin.computePotentialEnergy(self.model, self.evaluation.other_data, q))
         return weight + spring_energy(self.spring_rows, q) if self.springs else weight
 
     def placements(self, q: Array, bodies: Array) -> Array:
-        if q is not self._current:
-            self._refresh(q)
-        return self._kinematics.poses.take(bodies, 0)
+        return self.evaluation.at(q).poses.take(bodies, 0)
 
     def kinematics(self, q: Array) -> Kinematics:
-        if q is not self._current:
-            self._refresh(q)
-        return self._kinematics
+        return self.evaluation.at(q)
 
     def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array:
-        _, columns, support = self.kinematics(q)
+        _, columns, support = self.evaluation.at(q)
         rows = np.empty((len(point), self.nv))
         separation(columns, support, first, second, point, normal, rows)
         return rows
 
     def point_bias(self, q: Array, v: Array, bodies: Array, points: Array) -> Array:
-        data = self._energy_data
-        pin.forwardKinematics(self.model, data, q, v, self._zero)
-        moving = bodies.tolist()
-        twists = np.array([data.v[body].vector for body in moving])
-        rates = np.array([data.a[body].vector for body in moving])
-        bias = np.empty((len(points), 3))
-        write_bias(self.kinematics(q).poses, bodies, points, twists, rates, bias)
-        return bias
+        return self.evaluation.point_bias(q, v, bodies, points)
 
     def reach(self, body: int, centre: Array, radius: float) -> Array:
-        reach = np.zeros(self.nv)
-        distance = radius + float(np.linalg.norm(centre))
-        for joint in reversed(list(self.model.supports[body])[1:]):
-            first, width = self.model.idx_vs[joint], self.model.nvs[joint]
-            reach[first : first + width], travel = self._joint_reach(joint, distance)
-            distance += travel + float(np.linalg.norm(self.model.jointPlacements[joint].translation))
-        return np.minimum(reach, _UNBOUNDED)
-
-    def _joint_reach(self, joint: int, distance: float) -> tuple[Array, float]:
-        """Return the reach of a joint's velocities, and the largest displacement of its frame by its own travel."""
-        kind = self.model.joints[joint].shortname()
-        width = self.model.nvs[joint]
-        if "FreeFlyer" in kind:
-            return np.array([1.0] * 3 + [distance] * 3), 0.0
-        if "Planar" in kind:
-            return np.array([1.0, 1.0, distance]), 0.0
-        if "JointModelR" in kind or "Spherical" in kind:
-            return np.full(width, distance), 0.0
-        if "JointModelP" in kind and width == 1:
-            first = self.model.idx_qs[joint]
-            limits = np.abs([self.model.lowerPositionLimit[first], self.model.upperPositionLimit[first]])
-            # a tenth more for penetration of the limit within a step
-            return np.ones(1), 1.1 * float(limits.max()) if limits.max() < 1e10 else _UNBOUNDED
-        return np.full(width, _UNBOUNDED), 0.0
+        return reach(self.model, body, centre, radius)
 
     def are_lengths(self) -> Array:
         return self._lengths.copy()
 
     @cached_property
     def _lengths(self) -> Array:
-        found, neutral = np.zeros(self.nv, bool), pin.neutral(self.model)
-        for joint in list(self.model.joints)[1:]:
-            # a screw joint turns as well
-            data = joint.createData()
-            joint.calc(data, neutral)
-            turns = np.abs(np.asarray(data.S).reshape(6, -1)[3:]).max(axis=0) > 0.0
-            found[joint.idx_v : joint.idx_v + joint.nv] = ~turns
-        return found
+        return lengths(self.model)
+
+    def go_straight(self) -> Array:
+        return self._straight.copy()
+
+    @cached_property
+    def _straight(self) -> Array:
+        return straight_velocities(self.model)
 
     def unit_groups(self) -> list[Array]:
-        model, groups = self.model, []
-        for joint in range(1, model.njoints):
-            nq, nv, end = model.nqs[joint], model.nvs[joint], model.idx_qs[joint] + model.nqs[joint]
-            # a free base, a base in a plane (cosine and sine), a joint without limits
-            width = {(7, 6): 4, (4, 3): 2, (2, 1): 2}.get((nq, nv))
-            if model.joints[joint].shortname() == "JointModelSpherical":
-                width = 4
-            if width is not None:
-                groups.append(np.arange(end - width, end)[None, :])
-        return groups
+        return unit_groups(self.model)
 
     def describe(self) -> str:
         model = self.model

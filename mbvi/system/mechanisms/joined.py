@@ -13,7 +13,8 @@ from ...errors import InputError
 from ..actuated import ActuatedSystem
 from ..blocks import BlockSystem
 from ..free.bodies import FreeBodies, Spheres
-from ..system import Array, System, parts_of
+from ..parts import parts_of
+from ..system import Array, System
 from .articulated import ArticulatedSystem
 from .equalities import Equality
 from .mechanism import free_joint

@@ -274,17 +274,6 @@ def write_effects(tree: JointTree, v: Array) -> None:
                 force[p, r] += g[r]
 
 
-def carriers(model: pin.Model) -> Array:
-    """Return the velocity that carries each one, shape (nv,) of int; -1 where there is none."""
-    carrier, last = np.arange(-1, model.nv - 1), [-1]
-    joints = zip(model.parents.tolist()[1:], model.idx_vs.tolist()[1:], model.nvs.tolist()[1:], strict=True)
-    for parent, first, count in joints:
-        # joints without velocities carry what their parents carry
-        last.append(first + count - 1 if count else last[parent])
-        carrier[first : first + min(count, 1)] = last[parent]
-    return carrier
-
-
 def joint_tree(model: pin.Model, carrier: Array) -> JointTree:
     """Return the joints of a model; none, and no room, if one of them is of another kind.
 
@@ -296,7 +285,7 @@ def joint_tree(model: pin.Model, carrier: Array) -> JointTree:
         See `JointTree`.
     """
     joints, nv = list(model.joints)[1:], model.nv
-    kinds = [_kind(joint) for joint in joints]
+    kinds = [kind_of(joint) for joint in joints]
     if None in kinds:
         joints, kinds, nv = [], [], 0
     n = len(joints) + 1 if joints else 0
@@ -331,7 +320,7 @@ def with_own_results(tree: JointTree) -> JointTree:
     return JointTree(*tree[:first], *(room.copy() for room in tree[first:]))
 
 
-def _kind(joint: pin.JointModel) -> int | None:
+def kind_of(joint: pin.JointModel) -> int | None:
     """Return the kind of a joint, or None if it is another one."""
     name = joint.shortname()
     if name != "JointModelComposite":

@@ -12,10 +12,10 @@ from ...compiled import kernel, record
 from ...projection.tree_factor import DEPENDENT, factor_mass, least_change, span_equalities
 from ..free.coasting import coast
 from ..free.spinning import FreeLinks
+from .by_address.memory import results_in_place
+from .by_address.pinocchio_address import array_of_calls, crba, nonlinear_effects, retract
 from .equalities import FIRST_FINDS, FOUND, Equalities, Equality, equalities_of, write_gaps, write_rows
 from .joint_tree import JointTree, place_joints, weigh_joints, with_own_results, write_effects
-from .memory import results_in_place
-from .pinocchio_address import array_of_calls, crba, nonlinear_effects, retract
 
 Array = np.ndarray
 

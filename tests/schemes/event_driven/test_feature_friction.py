@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import mbvi
-from mbvi.constraints.feature_motion import slip_biases, touching
+from mbvi.constraints.features.feature_motion import slip_biases, touching
 from mbvi.constraints.mechanism.held_rows import LIMIT, RowParts
 from mbvi.constraints.tangents import axes_of
 from mbvi.schemes.event_driven.rows.known_rows import known_rows

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import mbvi
-from mbvi.constraints.pair_features import FeatureRows
+from mbvi.constraints.features.pair_features import FeatureRows
 from mbvi_studies.published_robots import published_robot
 
 G = 9.81

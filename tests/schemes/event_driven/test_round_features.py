@@ -6,8 +6,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 import mbvi
-from mbvi.constraints.feature_kernels import FACE_RIM
-from mbvi.constraints.pair_features import FeatureRows
+from mbvi.constraints.features.feature_kernels import FACE_RIM
+from mbvi.constraints.features.pair_features import FeatureRows
 from mbvi.schemes.event_driven.rows.contact_rows import SmoothRows
 from support.robot_arguments import rotation, unit
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from mbvi.constraints.feature_kernels import (
+from mbvi.constraints.features.feature_kernels import (
     EDGES,
     FACE_RIM,
     LINE_VERTEX,

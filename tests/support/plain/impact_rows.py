@@ -1,4 +1,4 @@
-"""Plain numpy forms of the kernels in mbvi/run/loop/impact_rows.py."""
+"""Plain numpy forms of the kernels in mbvi/run/recording/impact_rows.py."""
 
 from __future__ import annotations
 

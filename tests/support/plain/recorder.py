@@ -1,4 +1,4 @@
-"""Plain numpy forms of the kernels in mbvi/run/recorder.py."""
+"""Plain numpy forms of the kernels in mbvi/run/recording/recorder.py."""
 
 from __future__ import annotations
 

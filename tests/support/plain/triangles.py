@@ -1,4 +1,4 @@
-"""Plain numpy forms of the kernels in mbvi/geometry/at_meshes/mesh_contacts.py, which look at every triangle."""
+"""Plain numpy forms of kernels of near triangles and contacts of spheres, which look at every triangle."""
 
 from __future__ import annotations
 
@@ -84,8 +84,9 @@ def outward_at(vertices: Array, triangles: Array, number: int) -> Array:
 
 def mesh_contacts_plain(
     vertices: Array, triangles: Array, order: Array, boxes: Array, features: Array, sharers: Array, sheet: Array,
-    centres: Array, radii: Array, reach: Array, tolerance: float, deepest: float, triangle: Array, number: Array,
-    distance: Array, foot: Array, rank: Array, sphere: Array, gap: Array, point: Array, normal: Array,
+    centres: Array, radii: Array, reach: Array, tolerance: float, deepest: float, listed: Array, about: Array,
+    triangle: Array, number: Array, distance: Array, foot: Array, rank: Array, sphere: Array, gap: Array, point: Array,
+    normal: Array,
 ) -> tuple[int, int]:  # fmt: skip
     """Write the contacts of spheres with a mesh; return how many there are, and the most triangles about a sphere."""
     away, feature, feet = all_distances(vertices, triangles, centres)

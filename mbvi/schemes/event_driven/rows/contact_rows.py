@@ -8,15 +8,15 @@ from functools import cached_property
 import numpy as np
 
 from ....constraints import AdmissibleSet, ConstraintFamily
-from ....constraints.feature_kernels import FACE_VERTEX
-from ....constraints.feature_motion import slip_biases
+from ....constraints.features.feature_kernels import FACE_VERTEX
+from ....constraints.features.feature_motion import slip_biases
+from ....constraints.features.pair_features import FeatureRows
 from ....constraints.mechanism.held_rows import LIMIT, UNKNOWN, RowParts, unknown_parts
-from ....constraints.pair_features import FeatureRows
 from ....constraints.rows import Array, Rows
 from ....constraints.tangents import Tangents
 from ....errors import UnsuitableError
 from ....system.free.sparse_rows import dense
-from ....system.lengths import velocity_units
+from ....system.parts import velocity_units
 from .known_pairs import KnownPairs, searched_pairs
 from .known_rows import KnownRows, known_rows
 from .row_columns import SEARCHED, completed, extent, measured_by

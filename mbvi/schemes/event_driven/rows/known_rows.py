@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ....compiled import held, kernel, plain_array
-from ....constraints.feature_kernels import FACE_RIM, touch
+from ....constraints.features.feature_kernels import FACE_RIM, touch
 from ....constraints.mechanism.held_rows import (
     LIMIT,
     UNKNOWN,
@@ -22,7 +22,8 @@ from ....system import System
 from ....system.mechanisms.articulated import ArticulatedSystem
 from ....system.mechanisms.joined import can_be_joined, joined
 from ....system.mechanisms.mechanism import Mechanism, evaluate_nonlinear_effects, place, weigh
-from ....system.system import Array, parts_of
+from ....system.parts import parts_of
+from ....system.system import Array
 
 
 @kernel("void(Mechanism, RowParts, i8[::1], f8[::1], f8[::1])")

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ....constraints import ConstraintFamily, RowTable
-from ....constraints.pair_features import FeatureRows
+from ....constraints.features.pair_features import FeatureRows
 from ....constraints.rows import Array
 
 # that of distances that are searched, from placements that are rounded, over that of others

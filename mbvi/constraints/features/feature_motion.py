@@ -6,11 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..system import System
+from ...system import System
+from ..mechanism.held_rows import RowParts
+from ..rows import Array
 from .feature_bias import write_biases, write_slip_biases
 from .feature_kernels import touch_each
-from .mechanism.held_rows import RowParts
-from .rows import Array
 
 
 class Touching(NamedTuple):

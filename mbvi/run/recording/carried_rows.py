@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..constraints.carried import Place, carried
-from ..problem import Problem
-from ..schemes import Step, Timing
+from ...constraints.carried import Place, carried
+from ...problem import Problem
+from ...schemes import Step, Timing
 
 Array = np.ndarray
 
@@ -44,8 +44,8 @@ def last_rows(last: Step | None) -> LastRows:
     return LastRows(rows.constraint[loaded], rows.point[loaded][None].repeat(2, 0), last.rates[:, loaded].copy("C"))
 
 
-def farthest(problem: Problem, last: Step | None, t: float) -> float:
-    """Return how far bodies may carry the points of a step until the law of the next, which ends at t [s].
+def farthest(problem: Problem, timing: Timing, last: Step | None, step: Step) -> float:
+    """Return how far bodies may carry the points of a step until the next.
 
     It is infinite where constraints do not say how far their bodies move. What a position projection adds is not
     counted: such a point has moved by no more than penetration.
@@ -53,14 +53,16 @@ def farthest(problem: Problem, last: Step | None, t: float) -> float:
     constraints = problem.constraints
     if last is None or constraints.searched.any():
         return 0.0 if last is None else np.inf
-    envelope = constraints.cache.arrays[0]
-    return (t - last.t) * float((envelope @ np.abs(last.v)).max(initial=0.0))
+    h, envelope = step.t - last.t, constraints.cache.arrays[0]
+    # points at the end of a step move on after the law
+    moved = np.abs(last.v) + (1.0 - timing.jump) * step.at_end * np.abs(step.v)
+    return h * float((envelope @ moved).max(initial=0.0))
 
 
 def carried_rows(
-    problem: Problem, timing: Timing, before: Step | None, last: Step, rows: LastRows, t: float
+    problem: Problem, timing: Timing, before: Step | None, last: Step, rows: LastRows, step: Step
 ) -> LastRows:
-    """Return the rows of a step as its bodies carry them to the law of the next step.
+    """Return the rows of a step as its bodies carry them to those of the next step.
 
     Parameters
     ----------
@@ -70,15 +72,20 @@ def carried_rows(
         The state before the step, None where that is the initial one, and the step.
     rows : LastRows
         Those of the step.
-    t : float
-        End of the next step [s].
+    step : Step
+        The next step.
     """
     if not rows.number.size:
         return rows
     # the law of the initial state acts there
-    start = last if before is None else before
-    old, new = (
-        Place(at.t + timing.jump * h, timing.place_of_law(problem.system, at.q, at.v, h))
-        for at, h in ((start, last.t - start.t), (last, t - last.t))
-    )
+    old = place_of_rows(problem, timing, last if before is None else before, last)
+    new = place_of_rows(problem, timing, last, step)
     return rows._replace(point=carried(problem.constraints, rows.number, rows.point[0], old, new))
+
+
+def place_of_rows(problem: Problem, timing: Timing, before: Step, step: Step) -> Place:
+    """Return where the rows of a step are, which begins in the state `before`."""
+    if step.at_end:
+        return Place(step.t, step.q)
+    h = step.t - before.t
+    return Place(before.t + timing.jump * h, timing.place_of_law(problem.system, before.q, before.v, h))

@@ -20,11 +20,11 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from ...compiled import KERNELS, cache_folder
-from ..free.spinning import free_links
+from ....compiled import KERNELS, cache_folder
+from ...free.spinning import free_links
+from ..joint_tree import joint_tree
+from ..mechanism import Mechanism, free_joint, mechanism
 from . import pinocchio_address as by_address
-from .joint_tree import joint_tree
-from .mechanism import Mechanism, free_joint, mechanism
 
 Array = np.ndarray
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from ..errors import InfeasibleError, ProjectionError
-from ..problem import Problem
-from ..projection import Projector
-from ..schemes import Scheme, Step
-from .tunnelling import TunnellingGuard
+from ...errors import InfeasibleError, ProjectionError
+from ...problem import Problem
+from ...projection import Projector
+from ...schemes import Scheme, Step
+from ..tunnelling import TunnellingGuard
 
 # how often a step is halved
 _MOST_HALVINGS = 3

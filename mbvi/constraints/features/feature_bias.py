@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..compiled import kernel
-from ..system.mechanisms.frames import cross_product
+from ...compiled import kernel
+from ...system.mechanisms.frames import cross_product
+from ..tangents import write_tangents_of
 from .feature_kernels import (
     EDGES,
     FACE_RIM,
@@ -17,7 +18,6 @@ from .feature_kernels import (
     VERTEX_FACE,
     VERTEX_LINE,
 )
-from .tangents import write_tangents_of
 
 Array = np.ndarray
 

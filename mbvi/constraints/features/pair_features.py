@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..geometry.shapes.shape_table import ShapeTable
-from ..geometry.shapes.shapes import PlacedShape
-from ..system import System
+from ...geometry.shapes.shape_table import ShapeTable
+from ...geometry.shapes.shapes import PlacedShape
+from ...system import System
+from ..mechanism.held_rows import RowParts
+from ..rows import Array
 from .feature_kernels import EDGES, FACE_VERTEX, VERTEX_FACE, write_outside
 from .feature_motion import NOWHERE, Touching, places_of, row_biases, touching
-from .mechanism.held_rows import RowParts
 from .round_features import (
     CROSS,
     LEVEL,
@@ -27,7 +28,6 @@ from .round_features import (
     features_of_round,
     is_round,
 )
-from .rows import Array
 
 # lengths are relative to the bounding radius of the smaller shape
 # points this little below the outermost one belong to its edge, if that one is not where the shapes touch

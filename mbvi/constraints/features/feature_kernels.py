@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..compiled import kernel
-from ..system.mechanisms.frames import cross_product, turned
+from ...compiled import kernel
+from ...system.mechanisms.frames import cross_product, turned
 
 Array = np.ndarray
 

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from ...compiled import address, call_address, kernel
+from ....compiled import address, call_address, kernel
 from .memory import Window
 
 Array = np.ndarray

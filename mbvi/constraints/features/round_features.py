@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..geometry.shapes.shapes import Capsule, Cylinder, PlacedShape
+from ...geometry.shapes.shapes import Capsule, Cylinder, PlacedShape
+from ..rows import Array
 from .feature_kernels import EDGES, FACE_RIM, FACE_VERTEX, LINE_VERTEX, POINTS, RIM_FACE, VERTEX_FACE, VERTEX_LINE
-from .rows import Array
 
 # lengths are relative to the bounding radius of the smaller shape
 # points this little below the outermost one belong to its face or edge; corners of a region that two faces share are so

@@ -4,21 +4,22 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 
-from ..compiled import kernel
-from ..errors import MbviWarning
-from ..problem import Problem
-from ..results.contacts import ContactLog
-from ..results.run_data import Array, Impact, RunRecord, Switch
-from ..results.trajectory import Trajectory
-from ..schemes import SchemeBase, Step, Timing
-from ..schemes.contact_friction import friction_of
-from ..schemes.event_driven.runge_kutta import DEGREE
-from ..schemes.step import STILL
-from .carried_rows import NO_LAST_ROWS, LastRows, carried_rows, farthest, last_rows
-from .loop.impact_rows import NO_ROWS, LaterRows, RecentPercussions, friction_of_impact, linked
+from ...compiled import kernel
+from ...errors import MbviWarning
+from ...problem import Problem
+from ...results.contacts import ContactLog
+from ...results.run_data import Array, Impact, RunRecord, Switch
+from ...results.trajectory import Trajectory
+from ...schemes import SchemeBase, Step, Timing
+from ...schemes.contact_friction import friction_of
+from ...schemes.event_driven.runge_kutta import DEGREE
+from ...schemes.step import STILL
+from .carried_rows import NO_LAST_ROWS, LastRows, carried_rows, farthest, last_rows, place_of_rows
+from .impact_rows import RecentPercussions, friction_of_impact, linked
 
 # contact points of one pair in consecutive steps count as the same point within this distance, which is measured where
 # one of both bodies carries the former [lengths of the scene]
@@ -163,6 +164,8 @@ class Recorder:
     ----------
     contacts : ContactLog or None
         The contacts of all steps, where they are recorded.
+    timing_of_rows : Timing
+        That of the steps, also where the scheme chooses these.
     before, last : Step or None
         The state before the last step, and that step.
     recent : RecentPercussions
@@ -179,7 +182,7 @@ class Recorder:
         self._first = problem
         frictional, resisting = problem.constraints.frictional, problem.constraints.resistance is not None
         self.contacts = ContactLog(far, frictional=frictional, resisting=resisting) if contacts else None
-        self.timing = timing
+        self.timing = self.timing_of_rows = timing
         self.t = np.empty(count)
         self.q = np.empty((count, problem.system.nq))
         self.v = np.empty((count, problem.system.nv))
@@ -196,6 +199,8 @@ class Recorder:
     def begin(self, problem: Problem) -> None:
         """Record steps of a problem from now on."""
         self.problem = problem
+        if self.contacts is not None:
+            self.contacts.constraints = problem.constraints
         self._limits = problem.constraints.limits
         self._lever, self._still = problem.constraints.lever, STILL * problem.length
         self._parts = problem.constraints.part
@@ -214,12 +219,15 @@ class Recorder:
     def step(self, step: Step, keep: bool) -> None:
         """Record a step: its impacts always, its state if `keep`."""
         t, q, v, active, rates, residual = step[:6]
-        k, gap = self.count, active.gap
+        k, gap, impacting = self.count, active.gap, None
         if self.contacts is not None:
             # percussions of the law at the initial state belong to no interval between states
             if k:
-                friction = friction_of(step)
-                self.contacts.add(active.constraint, active.point, active.normal, rates[0], friction, step.correction)
+                friction, before = friction_of(step), step if self.last is None else self.last
+                place = partial(place_of_rows, self.problem, self.timing_of_rows, before, step)
+                self.contacts.add(
+                    active.constraint, active.point, active.normal, rates[0], friction, step.correction, place
+                )
             # before the state, so that an interrupt leaves no state without its contacts
             if keep:
                 self.contacts.close()
@@ -229,14 +237,14 @@ class Recorder:
             k, active.constraint, gap, rates, residual, self._lever, self._limits, self._still, self.penetration,
             self.limit_violation, self.residual,
         ):  # fmt: skip
-            self.impact(step)
+            impacting = self.impact(step)
         if keep:
             self.t[k] = t
             self.q[k] = q
             self.v[k] = v
             self.count = k + 1
         self.follow(self.last, step)
-        self.recent.add(active.constraint, rates)
+        self.recent.add(active.constraint, rates[0], impacting)
 
     def trajectory(self, scheme: SchemeBase, h: float, *, complete: bool = True) -> Trajectory:
         """Return the run recorded so far."""
@@ -263,11 +271,8 @@ class Recorder:
             ),
         )
 
-    def impact(self, step: Step, later: LaterRows = NO_ROWS) -> None:
-        """Record an impact: the rows that closed, and the rows linked to them.
-
-        `later` has the rows of steps since the last that was added to `recent`.
-        """
+    def impact(self, step: Step) -> Array | None:
+        """Record an impact: the rows that closed, and the rows linked to them; return which rows these are."""
         active, rates, last = step.active, step.rates, self.last
         number, point, e = active.constraint, active.point, active.restitution
         candidates = np.empty(len(number), np.int8)
@@ -276,7 +281,7 @@ class Recorder:
         def choose(rates: Array, rows: LastRows, far: float) -> tuple[int, float]:
             return _choose_rows(number, point, rates, e, *rows, far, self._lever, self._still, candidates)
 
-        travel = farthest(self.problem, last, step.t) if rows.number.size else 0.0
+        travel = farthest(self.problem, self.timing_of_rows, last, step) if rows.number.size else 0.0
         if step.at_once is not None and last is not None:
             # an impact goes on in the next step, in which its bodies move at another velocity
             h, v = step.t - last.t, last.v if self.before is None else self.before.v
@@ -288,11 +293,11 @@ class Recorder:
             nearest = candidates.copy()
             count, energy = choose(rates, rows if travel < far else NO_LAST_ROWS, far - travel)
             if not np.array_equal(candidates, nearest):
-                rows = carried_rows(self.problem, self.timing, self.before, last, rows, step.t)
+                rows = carried_rows(self.problem, self.timing_of_rows, self.before, last, rows, step)
                 count, energy = choose(rates, rows, far)
         if not count:
-            return
-        chosen = self._taking_part(step, candidates, later)
+            return None
+        chosen = self._taking_part(step, candidates)
         if step.at_once is not None:
             own = step.at_once(chosen)
             # rows of sleeping contacts stand behind those of the step
@@ -319,13 +324,14 @@ class Recorder:
                 *friction_of_impact(step, chosen),
             )
         )  # fmt: skip
+        return chosen
 
-    def _taking_part(self, step: Step, candidates: Array, later: LaterRows) -> Array:
-        """Return the rows that close, and the candidates linked to them whose percussion exceeds all recent ones."""
+    def _taking_part(self, step: Step, candidates: Array) -> Array:
+        """Return the rows that close, and the candidates linked to them whose percussion exceeds what they carry."""
         closing, others = candidates == 2, np.flatnonzero(candidates == 1)
         if not others.size:
             return closing
-        exceeds = self.recent.exceeded(step.active.constraint[others], step.percussion[others], later)
+        exceeds = self.recent.exceeded(step.active.constraint[others], step.percussion[others])
         chosen = closing.copy()
         chosen[others] = exceeds
         # all rows of a single mechanism are linked

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from ...compiled import address
+from ....compiled import address
 
 Array = np.ndarray
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections import deque
-from itertools import islice
-from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -40,19 +38,8 @@ def _raise_levels(number: Array, percussion: Array, known: Array, level: Array) 
             level[k] = max(level[k], percussion[a])
 
 
-class LaterRows(NamedTuple):
-    """Constraints and percussions of the rows of some steps, shape (k,), and how many steps."""
-
-    number: Array
-    percussion: Array
-    steps: int
-
-
-NO_ROWS = LaterRows(np.zeros(0, np.int64), np.zeros(0), 0)
-
-
 class RecentPercussions:
-    """The percussions of the last steps.
+    """The percussions of the last steps that do not belong to impacts.
 
     Parameters
     ----------
@@ -61,32 +48,39 @@ class RecentPercussions:
     """
 
     def __init__(self, count: int) -> None:
-        # numbers and rates of rows, and of those before them only numbers and percussions of rows that have one
+        # numbers and percussions of rows, and of those before them only of rows that have one
         self._new: deque[tuple[Array, Array]] = deque(maxlen=count)
         self._loaded: deque[tuple[Array, Array]] = deque(maxlen=count)
+        # the constraints of the last step that took part in an impact
+        self._struck = np.zeros(0, np.int64)
 
-    def add(self, number: Array, rates: Array) -> None:
-        """Add a step: constraints and rates of its rows, shapes (m,) and (4, m)."""
-        self._new.append((number, rates))
+    def add(self, number: Array, percussion: Array, impacting: Array | None = None) -> None:
+        """Add a step: constraints and percussions of its rows, shape (m,), and which of them belong to an impact.
 
-    def exceeded(self, number: Array, percussion: Array, later: LaterRows = NO_ROWS) -> Array:
+        What a constraint has in the step after an impact may belong to that, too.
+        """
+        if self._struck.size:
+            percussion = np.where(np.isin(number, self._struck), 0.0, percussion)
+        self._struck = number[:0]
+        if impacting is not None:
+            self._struck, percussion = number[impacting], np.where(impacting, 0.0, percussion)
+        self._new.append((number, percussion))
+
+    def exceeded(self, number: Array, percussion: Array) -> Array:
         """Return which rows have a percussion above twice the largest that their constraint had in these steps.
 
         Parameters
         ----------
         number, percussion : ndarray, shape (k,)
             Constraints and percussions of the rows.
-        later : LaterRows
-            Of steps since the last one that was added.
         """
-        for earlier, rates in self._new:
-            loaded = rates[0] > 0.0
-            self._loaded.append((earlier[loaded], rates[0, loaded]))
+        for earlier, percussions in self._new:
+            loaded = percussions > 0.0
+            self._loaded.append((earlier[loaded], percussions[loaded]))
         self._new.clear()
         known, place = np.unique(number, return_inverse=True)
         level = np.zeros(len(known))
-        left = len(self._loaded) + later.steps - (self._loaded.maxlen or 0)
-        for earlier, percussions in [*islice(self._loaded, max(left, 0), None), later[:2]]:
+        for earlier, percussions in self._loaded:
             _raise_levels(earlier, percussions, known, level)
         return np.asarray(percussion > 2.0 * level[place])
 

@@ -1,0 +1,1 @@
+"""Which features of two bodies touch, and how their gaps, points and normals change as the bodies move."""

@@ -1,0 +1,1 @@
+"""States, impacts and contacts of a run, recorded step by step."""

@@ -1,0 +1,1 @@
+"""Pinocchio called by address, and its results where they lie in memory."""
