@@ -15,6 +15,7 @@ from ..system import System
 from ..system.free.sparse_rows import dense
 from .cache import ClearanceCache
 from .families.given import as_family
+from .families.moving import MovingWalls
 from .family import ConstraintFamily
 from .family_tangents import FamilyTangents
 from .rebuilt import Rebuilt
@@ -241,9 +242,11 @@ class AdmissibleSet(Rebuilt):
         which, parts = np.searchsorted(self._starts, rows.constraint, side="right") - 1, []
         order = np.argsort(which, kind="stable")
         for f in np.unique(which).tolist():
-            part = take(rows, which == f)
-            if type(self.families[f]).bodies_of is not ConstraintFamily.bodies_of:
-                first, second = self.families[f].bodies_of(part.constraint - self._starts[f])
+            part, family = take(rows, which == f), self.families[f]
+            if isinstance(family, MovingWalls):
+                part = family.at_place(t, q, part, part.constraint - self._starts[f])
+            elif type(family).bodies_of is not ConstraintFamily.bodies_of:
+                first, second = family.bodies_of(part.constraint - self._starts[f])
                 there = self.system.separation_rows(q, first, second, part.point, part.normal)
                 part = part._replace(jacobian=there)
             parts.append(part)
@@ -266,6 +269,10 @@ class AdmissibleSet(Rebuilt):
     def friction_of(self, f: int, own: Array) -> Array:
         """Return the coefficients of friction of some constraints of family number f, shape (k,)."""
         return self._tangents.friction_of(f, own)
+
+    def friction_where_none(self, f: int) -> float:
+        """Return the coefficient of friction of the constraints of family number f that have none of their own."""
+        return self._mu[f]
 
     def coefficient_of_friction(self, number: int) -> float:
         """Return the coefficient of friction of a constraint."""

@@ -37,19 +37,17 @@ class MovingFrame:
     single_mechanism = False
 
     def __init__(self, system: System, motion: Motion, where: SphereCentres) -> None:
-        self._system, self._motion, self._where = system, motion, where
+        self._system, self.motion, self._where = system, motion, where
         self.nq, self.nv, self.bodies = system.nq, system.nv, system.bodies
 
     def set_state(self, t: float, q: Array) -> Array:
         """Set time and configuration; return q with the centres of spheres in coordinates of the frame."""
-        turn, place = self._motion.pose(t)
+        turn, place = self.motion.pose(t)
         self._turn, self._place = np.asarray(turn), np.asarray(place)
-        self._velocity, self._spin = self._motion.twist(t)
+        self._velocity, self._spin = self.motion.twist(t)
         flat = np.concatenate([self._turn.ravel(), self._place, self._velocity, self._spin])
         if not all_finite(flat):
-            raise DivergedError(
-                f"the motion {self._motion!r} is not finite at t = {t:.9g} s: correct its pose or twist"
-            )
+            raise DivergedError(f"the motion {self.motion!r} is not finite at t = {t:.9g} s: correct its pose or twist")
         self._q, inside = q, q.copy()
         self._where.of(inside)[:] = (self._where.of(q) - self._place) @ self._turn
         return inside
@@ -170,6 +168,13 @@ class MovingWalls(ConstraintFamily):
         found = rotation_rows(self.frame.separation_in_world, bodies, rows, axes)
         about = np.concatenate([rows.normal[:, None], axes], axis=1)
         return found, -(about @ self.frame.spin).ravel()
+
+    def at_place(self, t: float, q: Array, rows: Rows, numbers: Array) -> Rows:
+        """Return rows with the gradients and rates that contacts at the same points and normals have at (t, q)."""
+        self.frame.set_state(t, q)
+        contact = rows.point, rows.normal
+        jacobian = self.frame.separation_in_world(*self.constraint.bodies_of(numbers), *contact)
+        return rows._replace(jacobian=jacobian, rate=self.frame.rate(*contact))
 
     def poses_of(self, numbers: Array, t: float, q: Array) -> Array | None:
         """Return the poses of walls, that of the frame, and of bodies; see the base class."""
