@@ -156,6 +156,10 @@ class ClearanceCache:
         self._last: Array | None = None
         self.reclaim: Callable[[], None] | None = None
 
+    def start(self, q: Array) -> None:
+        """Let the compiled loop begin at q, before any query."""
+        self._last = q.copy()
+
     def travel(self, displacement: Array) -> float:
         """Return the largest displacement of a body in any family; see `AdmissibleSet.travel`.
 

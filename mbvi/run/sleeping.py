@@ -90,7 +90,8 @@ class Sleepers:
         self._count = len(self._system.bodies) - 1
         self._width = self._system.nv // self._count
         alone = self._system.nv == system.nv
-        self.watched = alone and system.nv > _FEW
+        # bodies on walls that move cannot be left alone: their steps cost less in the loop
+        self.watched = alone and system.nv > _FEW and not problem.constraints.moving
         self._closed = alone and not (system.loaded or problem.constraints.moving)
         self._units = velocity_units(self._system, problem.length)[: self._width] / problem.length
         fall = h * self._system.pull * self._units

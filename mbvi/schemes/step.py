@@ -157,7 +157,7 @@ def law(
 # would be active in every other step only, and its body would fall freely in the others
 NEAR = 100.0
 # rows are looked at up to so many times the estimate of their bend, and up to this part of the scene's length
-_BENDS, _FARTHEST = 8.0, 0.02
+BENDS, FARTHEST = 8.0, 0.02
 
 
 class Margins(NamedTuple):
@@ -192,8 +192,8 @@ def near_margins(
     write_margins(squares, plain_array(displacement), constraints.part, problem.tolerance, problem.length, margins)
     if not constraints.moving:
         return Margins(margins, margins)
-    farther = margins + _BENDS * _bends_of_walls(problem, t, q, time)
-    return Margins(margins, np.maximum(margins, np.minimum(farther, _FARTHEST * problem.length)))
+    farther = margins + BENDS * _bends_of_walls(problem, t, q, time)
+    return Margins(margins, np.maximum(margins, np.minimum(farther, FARTHEST * problem.length)))
 
 
 def _bends_of_walls(problem: Problem, t: float, q: Array, time: float) -> Array:
@@ -219,20 +219,20 @@ def write_margins(
     """Write the margins of `near_margins`, where the gaps of parts bend as `write_bends` says."""
     write_bends(squares, displacement, part, margins)
     for p in range(len(margins)):
-        margins[p] = max((NEAR - 1.0) * tolerance, min(_BENDS * margins[p], _FARTHEST * length))
+        margins[p] = max((NEAR - 1.0) * tolerance, min(BENDS * margins[p], FARTHEST * length))
 
 
-@kernel("b1(f8, f8, f8, f8, f8)")
-def joins(gap: float, change: float, e: float, lever: float, tolerance: float) -> bool:
+@kernel("b1(f8, f8, f8, f8, f8, f8)")
+def joins(gap: float, change: float, e: float, lever: float, tolerance: float, by_walls: float) -> bool:
     """Return whether a row within the margin joins the law.
 
     It does if it is very near, or if it may have opened by the bend of its path alone: then it was closed at the start
     of the step, and `change`, that of a step at the rate of the end, is twice the gap. A good deal less and more is
     allowed, down to bodies that do not move. One with e = 1 must hardly move: to brake it before it bounces would take
-    energy. `lever` makes lengths of both.
+    energy. `lever` makes lengths of both. A change of up to `by_walls` [m] is what walls that move explain.
     """
-    bent = abs(change - 2.0 * gap) <= 2.5 * gap and (e < 1.0 or lever * abs(change) <= tolerance)
-    return lever * gap <= NEAR * tolerance or bent
+    bent = abs(change - 2.0 * gap) <= 2.5 * gap or lever * abs(change) <= by_walls
+    return lever * gap <= NEAR * tolerance or (bent and (e < 1.0 or lever * abs(change) <= tolerance))
 
 
 def joining(problem: Problem, rows: Rows, margins: Margins, change: Array) -> Array:

@@ -87,7 +87,7 @@ def make_tangent(s: MechanismStep, count: int) -> bool:
     for k in range(n):
         kept[k] = s.v[k]
     keep_equalities(s.room.L, m.parent, kept)
-    for k in range(n):
+    for k in range(len(s.scales.part)):
         if marked[k]:
             s.v[k] = kept[k]
     return True

@@ -8,7 +8,7 @@ from mbvi import motion
 from mbvi.constraints.mechanism.state import MechanismState
 from mbvi.constraints.rows import take
 from mbvi.projection import FreeMotion, Projector
-from mbvi.run.loop.compiled_loop import mechanism_step
+from mbvi.run.loop.made_records import mechanism_step
 from mbvi.schemes.kernels.joint_friction import bounded_coulomb
 from mbvi.schemes.kernels.phases import write_free_motion
 from mbvi.schemes.positions import position_projection

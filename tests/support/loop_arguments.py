@@ -363,6 +363,18 @@ def carried(e, mu):
 
 
 @cache
+def shaken(e, mu):
+    """Boxes and a ball land on a table that oscillates, beside a half-space that turns and a block that slides."""
+    scene = mbvi.Scene(restitution=e, friction=mu)
+    scene.add_box((2.0, 2.0, 0.2), position=(0, 0, -0.1), motion=mbvi.motion.Oscillation((1e-3, 0, 4e-3), 9.0, 0.4))
+    scene.add_halfspace((1, 0, 0.1), -0.25, motion=mbvi.motion.Rotation((0, 1, 0.2), 0.3, centre=(-0.5, 0, 0)))
+    scene.add_box((0.1, 0.4, 0.4), position=(0.3, 0, 0.2), motion=mbvi.motion.Translation((-0.2, 0, 0)))
+    scene.add_box((0.1, 0.1, 0.06), 0.5, position=(-0.19, 0, 0.034), velocity=(-1.0, 0, 0))
+    scene.add_box((0.12, 0.1, 0.06), 0.4, position=(0.17, 0, 0.034), velocity=(1.0, 0, 0))
+    scene.add_sphere(0.03, 0.2, position=(0.0, 0, 0.035))
+    return scene.build()
+
+
 def _pickled(scene, material):
     return pickle.dumps(scene(*material))
 
@@ -438,7 +450,7 @@ CALLS = {
         (PAOLI, hopper, BOUNCY, 8), (DEFAULT, quadruped, RIGID, 9), (CENTERED, on_block, RIGID, 20),
     ],
     "copy_row": [(CENTERED, hopper, BOUNCY, 1), (DEFAULT, quadruped, ROUGH, 9), (CENTERED, hopper, ROUGH, 1)],
-    "take_near": [(DEFAULT, hopper, BOUNCY, 41), (DEFAULT, quadruped, RIGID, 70), (DEFAULT, hopper, ROUGH, 60)],
+    "take_near": [(DEFAULT, hopper, BOUNCY, 41), (DEFAULT, quadruped, RIGID, 70), (DEFAULT, shaken, ROUGH, 60)],
     "rows_in_the_middle": [(CENTERED, hopper, BOUNCY, 1), (CENTERED, on_block, RIGID, 9), (CENTERED, hopper, ROUGH, 5)],
     "mark_bouncing": [(DEFAULT, hopper, BOUNCY, 0), (DEFAULT, on_block, BOUNCY, 9), (DEFAULT, quadruped, RIGID, 5)],
     "bears_or_sinks": [(DEFAULT, swaying, ROUGH, 0), (DEFAULT, swaying, ROUGH, 1), (DEFAULT, swaying, MIXED, 0)],
@@ -467,6 +479,12 @@ CALLS = {
     },
     "has_friction": [(DEFAULT, swaying, ROUGH, 0), (DEFAULT, swaying, RIGID, 5), (CENTERED, hopper, ROUGH, 1)],
     "known_gaps": [(DEFAULT, swaying, ROUGH, 0), (DEFAULT, hopper, ROUGH, 60), (DEFAULT, on_block, ROUGH, 50)],
+    "set_clocks": [(PAOLI, hopper, BOUNCY, 9), (DEFAULT, shaken, RIGID, 50), (PILES, shaken, ROUGH, 70)],
+    "is_moved_by_walls": [(DEFAULT, shaken, BOUNCY, 9), (DEFAULT, shaken, RIGID, 40), (DEFAULT, shaken, ROUGH, 30)],
+    "widen_margins": [(DEFAULT, shaken, BOUNCY, 9), (DEFAULT, shaken, RIGID, 40), (DEFAULT, shaken, ROUGH, 30)],
+    "take_mean_rates": [(PILES, hopper, BOUNCY, 9), (PILES, shaken, RESISTS, 40), (PILES, shaken, ROUGH, 30)],
+    "write_rate": [(PILES, shaken, BOUNCY, 9), (PILES, shaken, RESISTS, 40), (PILES, shaken, ROUGH, 30)],
+    "turn_half_spaces": [(PAOLI, shaken, BOUNCY, 9), (CENTERED, shaken, RIGID, 40), (PILES, shaken, ROUGH, 30)],
     "may_pass": [(PAOLI, hopper, BOUNCY, 9), (DEFAULT, quadruped, RIGID, 50), (PAOLI, quadruped, ROUGH, 70)],
     "stewart_trinkle_step": [(PILES, hopper, BOUNCY, 41), (PILES, swaying, RIGID, 70), (PILES, swaying, MIXED, 42)],
     "project_bounds_with_friction": [(PILES, hopper, ROUGH, 3), (PILES, swaying, ROUGH, 9), (PILES, swaying, MIXED, 9)],
@@ -736,5 +754,5 @@ LOOP_ARGUMENTS = {
     "project_moving": project_moving,
     "stays_sunk": lambda rng, seed: (*rng.normal(size=3), rng.choice([0.0, 0.5, 1.0]), 1e-8),
     "is_closed": lambda rng, seed: (rng.choice([0.0, 1.0]), rng.choice([-1.0, 1.0]) * rng.choice([1e-9, 1e-3]), 1e-8),
-    "joins": lambda rng, seed: (rng.normal(scale=1e-6), rng.normal(scale=2e-6), 0.5 * (seed % 3), 1.0, 1e-9),
+    "joins": lambda rng, seed: (*rng.normal(scale=(1e-6, 2e-6)), 0.5 * (seed % 3), 1.0, 1e-9, 1e-6 * seed),
 }

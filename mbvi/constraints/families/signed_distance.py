@@ -82,6 +82,8 @@ class SignedDistances(Pairs):
         # where fixed shapes touch each other: of each pair the shapes of the world, -1 for others
         some = len(table.seams.neighbour) > 0
         self._fixed = tuple(np.where(table.frame[sides.T] < 0, sides.T, -1)) if some else None
+        # whether contacts depend on what is beside fixed shapes
+        self.has_seams = some or any(len(one.beside) for one in table.placed)
         self._bounds = np.zeros(self.size)
         # pairs of spheres and capsules have a continuous gradient
         self.smooth: Array = self._closed.smooth

@@ -14,6 +14,7 @@ from ...compiled import kernel, record, record_at
 from ...geometry.narrow.support_points import Points, lowest, points_below, spread_below
 from ...geometry.shapes.shape_table import Shapes  # noqa: F401  (a signature names it)
 from ...system.mechanisms.by_address.pinocchio_address import tangent
+from ...system.mechanisms.frames import turned
 from ...system.mechanisms.mechanism import Mechanism, place
 from ...system.mechanisms.separation import row, turning_row
 from ..cache import IDLE, consume_clearance
@@ -46,14 +47,15 @@ from .tables import (
 
 @record(
     "Clearances, Limits, Points, PairFamily, Tuple(Shapes), PairFamily, PairShapes, Balls, PairFamily, RowCallback,"
-    " SpheresAtMesh, ShapesAtMesh, i8[::1]"
+    " SpheresAtMesh, ShapesAtMesh, i8[::1], f8[:,::1]"
 )
 class MechanismConstraints(NamedTuple):
     """The constraints of one mechanism: joint limits, half-spaces with their points, pairs with shapes and axes, balls.
 
     `touching` has the numbers of `SphereContacts`, which are not those of pairs one after the other. Rows of `given`
     functions come by a callback. `meshes`, shape (families,), has the addresses of spheres and of shapes at meshes, of
-    which `spheres_at_mesh` and `shapes_at_mesh` are some; 0 for other families.
+    which `spheres_at_mesh` and `shapes_at_mesh` are some; 0 for other families. `planes` are those of
+    `HalfSpacesOnBodies`; of no size where half-spaces are fixed to the world.
     """
 
     cache: Clearances
@@ -69,6 +71,7 @@ class MechanismConstraints(NamedTuple):
     spheres_at_mesh: SpheresAtMesh
     shapes_at_mesh: ShapesAtMesh
     meshes: Array
+    planes: Array
 
 
 @kernel("Tuple((i8, f8))(Limits, i8, f8[::1], f8, RowBuffer)")
@@ -137,11 +140,34 @@ def half_space_contacts(
             lowest(poses, points.body[pair], points.numbers, k, out)
             for c in range(3):
                 rows.point[m, c], rows.normal[m, c] = out[c], points.numbers[k, 12 + c]
-            row(columns, support[0], support[points.body[pair]], out, points.numbers[k, 12:15], rows.J[m])
+            first = support[family.bodies[0, pair]]
+            row(columns, first, support[points.body[pair]], out, points.numbers[k, 12:15], rows.J[m])
             rows.number[m], rows.gap[m], rows.e[m] = family.number[pair], out[3], family.e[pair]
             rows.lever[m], rows.mu[m] = 1.0, family.mu[pair]
             rows.size[0] = m + 1
     return FOUND, any_empty
+
+
+@kernel("void(f8[:,:,::1], i8[:,::1], f8[:,::1], Points)")
+def turn_half_spaces(poses: Array, bodies: Array, planes: Array, points: Points) -> None:
+    """Write the normals and offsets of half-spaces that are fixed to bodies, where these are.
+
+    Parameters
+    ----------
+    poses
+        See `Kinematics`.
+    bodies, planes
+        See `PairFamily` and `HalfSpacesOnBodies`.
+    points : Points
+        The support points of the shapes.
+    """
+    for pair in range(len(planes)):
+        pose, plane = poses[bodies[0, pair]], planes[pair]
+        x, y, z = turned(pose, plane[0], plane[1], plane[2])
+        offset = plane[3] + x * pose[3, 0] + y * pose[3, 1] + z * pose[3, 2]
+        for k in range(points.begin[pair], points.begin[pair + 1]):
+            numbers = points.numbers[k]
+            numbers[12], numbers[13], numbers[14], numbers[16] = x, y, z, numbers[15] + offset
 
 
 @kernel("void(f8[:,::1], f8[:,::1], PairFamily, i8, RowBuffer)")
@@ -290,6 +316,8 @@ def active_rows(
                 )
                 family.listed[0], cache.clearance[slot], cache.always[slot] = count, least + tolerance, count > 0
             if kind == HALF_SPACES:
+                if len(constraints.planes) > 0:
+                    turn_half_spaces(mechanism.poses, family.bodies, constraints.planes, constraints.points)
                 code, any_empty = half_space_contacts(
                     mechanism.poses, mechanism.columns, mechanism.support, constraints.points, family,
                     cache.travel[slot], tolerance, rows,

@@ -41,12 +41,14 @@ from .tables import (
     PairFamily,
     RowBuffer,
 )
+from .walls import DistancesOnBodies, HalfSpacesOnBodies
 from .ways import PairWays, pair_ways
 
 _KINDS: dict[type, int] = {
     JointLimits: LIMITS, HalfSpaceContacts: HALF_SPACES, SignedDistances: PAIRS, SphereContacts: BALLS,
     GivenConstraint: GIVEN, GivenRows: GIVEN, HingeLimits: GIVEN,
     SphereSurface: BALLS_AT_MESH, ShapeSurface: SHAPES_AT_MESH,
+    HalfSpacesOnBodies: HALF_SPACES, DistancesOnBodies: PAIRS,
 }  # fmt: skip
 # kinds that are queried at every step
 _ALWAYS = BALLS, GIVEN, BALLS_AT_MESH, SHAPES_AT_MESH
@@ -116,6 +118,7 @@ class MechanismState:
             self._clearances, _limits(constraints), points, tables[HALF_SPACES], shapes, tables[PAIRS], near,
             *_balls(constraints), given, _no_spheres_at_mesh(), _no_shapes_at_mesh(),
             record_at.addresses(_at_meshes(constraints)),
+            walls.planes if isinstance(walls, HalfSpacesOnBodies) else np.zeros((0, 4)),
         )  # fmt: skip
 
     def enter(self) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
-from functools import partial
+from functools import cached_property, partial
 from itertools import pairwise
 
 import numpy as np
@@ -13,36 +13,29 @@ from ...compiled import held
 from ...constraints import Rows
 from ...constraints.carried import Place
 from ...constraints.contact import Contact
-from ...constraints.mechanism.state import MechanismState, columns_of, row_buffer
-from ...constraints.mechanism.tables import MOST_ROWS
+from ...constraints.mechanism.state import MechanismState
 from ...constraints.tangents import Tangents
 from ...problem import Problem
 from ...projection import Projector
 from ...results.contacts import ContactLog
-from ...schemes import MoreauJean, Scheme, Step
+from ...schemes import Scheme, Step
 from ...schemes.contact_friction import friction_of
-from ...schemes.gap_bounds.reach import parts_of_bodies
-from ...schemes.kernels.records import DONE, LawMemory, MechanismStep, Scales, room
+from ...schemes.kernels.records import DONE
 from ...schemes.observer import contacts_of_step
-from ...schemes.positions.nearby_rows import linear_reach
 from ...schemes.step import NO_RATES, STILL
-from ...system.mechanisms.joined import joined
 from ...system.mechanisms.mechanism import Mechanism
-from ...system.parts import parts_of
 from ..recording.carried_rows import place_of_rows
 from ..recording.recorder import RECENT, Recorder
 from ..tunnelling import TunnellingGuard
-from .callbacks import PythonCallbacks, python_callbacks
-from .loop_record import PLAIN, ROUGH, TURNING, LoopRecord
-from .loop_scope import control_of, is_compiled, loop_of
+from .callbacks import python_callbacks
+from .loop_record import ROUGH, TURNING, LoopRecord
+from .loop_scope import is_compiled, loop_of
+from .made_records import CHUNK, loop_record, mechanism_step
+from .moving_walls import InLoop, in_loop
 from .step_loop import FULL, Loop
 
 Array = np.ndarray
 
-# steps in one call of the kernel, so that bars and files go on
-CHUNK = 2000
-# rows of these for which there is room
-_ROWS = 40_000
 # place of its percussion in a row of the log
 _PERCUSSION = 8
 # after so many attempts in a row that took no step, so many steps are Python's without one
@@ -57,8 +50,10 @@ class CompiledLoop:
     ----------
     problem, scheme, projector, recorder
         Those of a run of which `is_compiled` is true.
+    own : InLoop
+        What of the problem steps.
     mechanism : Mechanism
-        The problem's, with a `pin.Data` of its own.
+        Its system's, with a `pin.Data` of its own.
     loop : Loop
         See `loop_of`.
     guard : TunnellingGuard
@@ -77,17 +72,17 @@ class CompiledLoop:
     """
 
     def __init__(
-        self, problem: Problem, mechanism: Mechanism, loop: Loop, scheme: Scheme, projector: Projector,
+        self, problem: Problem, own: InLoop, mechanism: Mechanism, loop: Loop, scheme: Scheme, projector: Projector,
         recorder: Recorder, guard: TunnellingGuard, h: float, every: int, total: int,
     ) -> None:  # fmt: skip
-        self._problem, self._projector, self._recorder = problem, projector, recorder
+        self._problem, self._own, self._projector, self._recorder = problem, own, projector, recorder
         self._loop, self._limit, self._h, self._every, self._total = loop, guard.limit, h, every, total
-        self._state = MechanismState(problem.constraints)
+        self._state = MechanismState(own.constraints)
         self._callbacks = python_callbacks(problem, self._state)
-        self._step = mechanism_step(problem, scheme, projector.residual, mechanism, self._state, self._callbacks)
+        self._step = mechanism_step(problem, scheme, projector.residual, mechanism, self._state, self._callbacks, own)
         self._memory = self._step.memory
         states = recorder.t, recorder.q, recorder.v, recorder.penetration, recorder.limit_violation, recorder.residual
-        self._log = loop_record(problem, scheme, guard, *states)
+        self._log = loop_record(problem, scheme, guard, *states, own)
         self._held = held(self._step), held(self._log)
         self._patience, self.idle = Patience(), False
         self.codes = np.zeros(8, np.int64)
@@ -108,8 +103,10 @@ class CompiledLoop:
         if self.idle:
             return state, done, False
         problem, recorder, memory = self._problem, self._recorder, self._memory
-        self._projector.lend(memory.percussion, memory.start, memory.size)
-        q, v, end, count = state.q.copy(), state.v.copy(), min(whole, done + CHUNK) + 1, recorder.count
+        if self._own.numbers is None:
+            self._projector.lend(memory.percussion, memory.start, memory.size)
+        q, v = self._own.with_clocks(state.q), self._own.with_clocks(state.v)
+        end, count = min(whole, done + CHUNK) + 1, recorder.count
         with nullcontext() if self._callbacks is None else self._with_contacts():
             following, count, code = self._loop(
                 *self._held, q, v, problem.t0, self._h, done + 1, end, self._total, self._every,
@@ -117,10 +114,13 @@ class CompiledLoop:
             )  # fmt: skip
         self.codes[code] += 1
         self._state.leave()
-        self._projector.take_back(memory.percussion, memory.start, memory.size)
+        if self._own.numbers is None:
+            # else its rows are in another order
+            self._projector.take_back(memory.percussion, memory.start, memory.size)
         taken = following - 1 - done
         self._patience.took(taken)
         self._log.q_before[taken], self._log.v_before[taken] = q, v
+        self._own.name_rows(self._log, taken)
         if recorder.contacts is not None:
             # before the states, so that an interrupt leaves no state without its contacts
             self._record_contacts(recorder.contacts, done, taken)
@@ -188,7 +188,7 @@ class CompiledLoop:
     def _places_of_rows(self, done: int, taken: int) -> list[Callable[[], Place] | None]:
         """Return of each step of the last call a function that returns where its rows are."""
         log, none, h = self._log, self._problem.constraints.empty, self._h
-        q, v = log.q_before[: taken + 1].copy(), log.v_before[: taken + 1].copy()
+        q, v = self._before(slice(0, taken + 1))
         at_end, t0 = [False, *log.at_end[:taken].tolist()], self._problem.t0
         states = [
             Step(t0 + (done + j) * h, q[j], v[j], none, NO_RATES, 0.0, at_end=at_end[j]) for j in range(taken + 1)
@@ -220,18 +220,31 @@ class CompiledLoop:
 
     def _state_before(self, done: int, j: int) -> Step:
         """Return the state before step j of the last call, without rows."""
-        t, log = self._problem.t0 + (done + j) * self._h, self._log
-        return Step(t, log.q_before[j].copy(), log.v_before[j].copy(), self._problem.constraints.empty, NO_RATES, 0.0)
+        t = self._problem.t0 + (done + j) * self._h
+        return Step(t, *self._before(j), self._problem.constraints.empty, NO_RATES, 0.0)
+
+    def _before(self, which: int | slice) -> tuple[Array, Array]:
+        """Return q and v before some steps of the last call, without joints of walls."""
+        q, v = self._log.q_before[which], self._log.v_before[which]
+        return q[..., : self._problem.system.nq].copy(), v[..., : self._problem.system.nv].copy()
 
     def _logged(self, done: int, j: int) -> Step:
         t, log = self._problem.t0 + (done + j) * self._h + self._h, self._log
         step = logged_step(log, j, t, self._problem.constraints.empty.jacobian)
-        q, v = log.q_before[j + 1].copy(), log.v_before[j + 1].copy()
+        q, v = self._before(j + 1)
         step = step._replace(q=q, v=v, at_end=bool(log.at_end[j]))
         if self._problem.system.single_mechanism:
             return step
         # the recorder asks which bodies each row acts on
-        return step._replace(active=step.active._replace(jacobian=self._state.reach[step.active.constraint]))
+        return step._replace(active=step.active._replace(jacobian=self._reach[step.active.constraint]))
+
+    @cached_property
+    def _reach(self) -> Array:
+        """The reach of each constraint of the problem, shape (n, nv)."""
+        reach = self._state.reach
+        if self._own.numbers is not None:
+            reach = reach[np.argsort(self._own.numbers), : self._problem.system.nv]
+        return reach
 
 
 class Patience:
@@ -279,56 +292,6 @@ def step_of_rows(number: Array, rows: Array, t: float, none: Array) -> Step:
     return Step(t, _NOTHING, _NOTHING, active, np.ascontiguousarray(rows[:, 8:12].T), 0.0, slip)
 
 
-def mechanism_step(
-    problem: Problem, scheme: Scheme, residual: float, mechanism: Mechanism, state: MechanismState,
-    callbacks: PythonCallbacks | None,
-) -> MechanismStep:  # fmt: skip
-    """Return what steps a problem that the loop takes, with room for one step."""
-    system, constraints = problem.system, problem.constraints
-    nq, nv, frictional, turns = system.nq, system.nv, constraints.frictional, constraints.resistance is not None
-    control, acted = control_of(system)
-    if callbacks is not None and callbacks.table is not None:
-        control, acted = callbacks.table, np.array([0, nq, 0, nv])
-    memory = LawMemory(np.zeros(MOST_ROWS), np.zeros(3 * MOST_ROWS), np.zeros(3, np.int64))
-    theta = scheme.theta if isinstance(scheme, MoreauJean) else 0.5
-    squares, turn_squares = constraints.cache.squares, constraints.cache.turn_squares
-    # forces from outside act on all parts
-    parts = (system,) if system.loaded else parts_of(system)
-    late = np.concatenate([np.full(part.nv, part.velocity_dependent) for part in parts])
-    late, part = late if late.any() else late[:0], constraints.part
-    scales = Scales(
-        problem.tolerance, problem.length, residual, squares, turn_squares, late, part, parts_of_bodies(system, part),
-        linear_reach(problem), theta, scheme.project_positions, system.loaded,
-    )  # fmt: skip
-    rows, ahead, middle = (row_buffer(nv, frictional, turns) for _ in range(3))
-    own = room(nq, nv, len(mechanism.mass) - nv, part[-1] + 1)
-    return MechanismStep(
-        mechanism, problem.free_bodies, state.arrays, memory, scales, control, acted, own, rows, ahead, middle,
-        np.zeros(nq), np.zeros(nv), np.zeros(4 * MOST_ROWS), np.zeros(8 * MOST_ROWS if frictional else 0),
-        np.zeros(12 * MOST_ROWS if turns else 0), np.zeros(1), np.zeros((MOST_ROWS * scheme.project_positions, 6)),
-        np.zeros(1, np.int64), np.zeros(1, bool),
-    )  # fmt: skip
-
-
-def loop_record(
-    problem: Problem, scheme: Scheme, guard: TunnellingGuard, t: Array, q: Array, v: Array, penetration: Array,
-    violation: Array, residual: Array,
-) -> LoopRecord:  # fmt: skip
-    """Return the record of a loop that writes states to given arrays, and logs the rows of up to `CHUNK` steps."""
-    width = ROUGH if problem.constraints.frictional else PLAIN
-    width = width if problem.constraints.resistance is None else TURNING
-    nq, nv, pairs = *problem.q0.shape, *guard.shares[1].shape
-    family, member, thickness, ways = columns_of(problem.constraints, guard.watched)
-    return LoopRecord(
-        t, q, v, penetration, violation, residual, np.zeros(1, np.int64), np.zeros(CHUNK + 1, np.int64),
-        np.zeros(CHUNK, bool), np.zeros(_ROWS, np.int64), np.zeros((_ROWS, width)), problem.constraints.lever,
-        problem.constraints.limits, np.zeros(4 * MOST_ROWS), *guard.shares,
-        family, member, thickness, ways, guard.slow_speed, scheme.timing.jump, np.zeros(pairs), np.zeros((2, pairs)),
-        np.zeros((3, nv)), np.zeros((2, nq)), np.zeros((_ROWS * scheme.project_positions, 6)),
-        np.zeros((CHUNK + 1, nq)), np.zeros((CHUNK + 1, nv)), np.zeros(CHUNK, bool),
-    )  # fmt: skip
-
-
 def compiled_loop(
     problem: Problem, scheme: Scheme, projector: Projector, recorder: Recorder, guard: TunnellingGuard, h: float,
     every: int, total: int,
@@ -337,7 +300,8 @@ def compiled_loop(
     loop = loop_of(scheme)
     if loop is None or not is_compiled(problem, scheme) or projector.solver:
         return None
-    mechanism = joined(problem.system).mechanism()
-    if mechanism is None:
+    own = in_loop(problem)
+    mechanism = None if own is None else own.system.mechanism()
+    if own is None or mechanism is None:
         return None
-    return CompiledLoop(problem, mechanism, loop, scheme, projector, recorder, guard, h, every, total)
+    return CompiledLoop(problem, own, mechanism, loop, scheme, projector, recorder, guard, h, every, total)

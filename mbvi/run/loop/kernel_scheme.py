@@ -21,8 +21,8 @@ from ...schemes.kernels.records import DONE, UNSOLVED, MechanismStep
 from ...system.mechanisms.joined import joined
 from ...system.system import Array
 from .callbacks import python_callbacks
-from .compiled_loop import mechanism_step
 from .loop_scope import is_compiled
+from .made_records import mechanism_step
 
 _REASONS = {
     TOO_MANY: f"more than {MOST_ROWS} rows are active",

@@ -8,8 +8,9 @@ import numpy as np
 
 from ...compiled import held
 from ...constraints.mechanism.state import can_be_compiled, has_given_rows
+from ...constraints.mechanism.walls import frames_of
 from ...problem import Problem
-from ...schemes import Scheme
+from ...schemes import Centered, MoreauJean, Paoli, Scheme, StewartTrinkle
 from ...system import HingedSystem
 from ...system.control_table import TRACKING, ControlTable, no_control, side_by_side, tracking
 from ...system.controls import LoopControl
@@ -25,6 +26,8 @@ _MOST_FREE, _MOST_ROUGH = 60, 36
 _MOST_WITH_FEW_POINTS, _POINTS, _ROUGH_POINTS = 160, 64, 48
 # points of a shape that can touch one face; of a hull with more corners on a face, more would be rare
 _POINTS_OF_SHAPE = 4
+# schemes whose kernels know walls that move
+_TAKE_WALLS = Paoli, MoreauJean, Centered, StewartTrinkle
 
 
 def is_compiled(problem: Problem, scheme: Scheme) -> bool:
@@ -40,7 +43,16 @@ def is_compiled(problem: Problem, scheme: Scheme) -> bool:
     few = bodies <= (_MOST_ROUGH if rough else _MOST_FREE) or (
         bodies <= _MOST_WITH_FEW_POINTS and _points(problem) <= (_ROUGH_POINTS if rough else _POINTS)
     )
+    if problem.constraints.moving:
+        return few and _walls_can_be_bodies(problem, scheme)
     return few and can_be_compiled(problem.constraints)
+
+
+def _walls_can_be_bodies(problem: Problem, scheme: Scheme) -> bool:
+    """Return whether all walls that move can be bodies of the mechanism, and a scheme takes them as such."""
+    system = problem.system
+    plain = system.whole is None and not has_user_forces(system) and system.observe is None
+    return plain and isinstance(scheme, _TAKE_WALLS) and frames_of(problem.constraints) is not None
 
 
 def _points(problem: Problem) -> float:
@@ -56,9 +68,10 @@ def _points(problem: Problem) -> float:
 def is_compiled_on_copies(problem: Problem, scheme: Scheme) -> bool:
     """Return whether the loop takes the steps on copies of a problem.
 
-    Given constraints cannot be copied, and a control that sees contacts belongs to one run.
+    Given constraints cannot be copied, a control that sees contacts belongs to one run, and walls that move are bodies
+    of a mechanism that is made for one.
     """
-    own = problem.system.observe is None and not has_given_rows(problem.constraints)
+    own = problem.system.observe is None and not has_given_rows(problem.constraints) and not problem.constraints.moving
     return own and is_compiled(problem, scheme)
 
 

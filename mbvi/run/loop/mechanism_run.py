@@ -25,8 +25,9 @@ from ..fixed_steps.retaken import SolvedSteps
 from ..start import admitted, closes_none, first_step
 from ..tunnelling import TunnellingGuard
 from .callbacks import python_callbacks
-from .compiled_loop import CHUNK, Patience, logged_step, loop_record, mechanism_step
+from .compiled_loop import Patience, logged_step
 from .loop_scope import loop_of
+from .made_records import CHUNK, loop_record, mechanism_step
 from .step_loop import DONE, FULL
 
 # no state is recorded

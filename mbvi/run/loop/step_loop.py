@@ -14,6 +14,7 @@ from ...schemes.kernels.moreau_jean import moreau_jean_step
 from ...schemes.kernels.paoli import paoli_step
 from ...schemes.kernels.records import DONE, MechanismStep
 from ...schemes.kernels.stewart_trinkle import stewart_trinkle_step
+from ...schemes.kernels.walls import set_clocks
 from ..recording.recorder import record_depth
 from .guard import may_pass
 from .loop_record import ROUGH, TURNING, LoopRecord
@@ -100,6 +101,7 @@ def run_paoli(
         for a in range(size[1]):
             log.before[MOST_ROWS + a] = memory.start[a]
         t, log.taken[0], s.at_end[0] = t0 + (i - 1) * h, i - first, False
+        set_clocks(s, t, q, v)
         code = paoli_step(s, t, q, v, h)
         m = rows.size[0]
         if code == DONE and place + m > len(log.number):
@@ -129,9 +131,10 @@ def run_paoli(
             log.v_before[i - first, k], v[k] = v[k], s.v[k]
         if i % every == 0 or i == total:
             log.t[count] = t + h
-            for k in range(len(q)):
+            # those of walls come last
+            for k in range(log.q.shape[1]):
                 log.q[count, k] = q[k]
-            for k in range(len(v)):
+            for k in range(log.v.shape[1]):
                 log.v[count, k] = v[k]
             count += 1
     log.begin[end - first] = place

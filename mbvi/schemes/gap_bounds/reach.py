@@ -45,7 +45,7 @@ def spread_reach(J: Array, length: Array, part: Array, reach: Array, near: Array
     near : ndarray of bool, shape (k,)
         Receives which rows are within reach.
     """
-    k, n = J.shape
+    k, n = len(J), len(part)
     for a in range(k):
         near[a] = False
     more = True

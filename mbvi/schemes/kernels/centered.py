@@ -24,24 +24,31 @@ from ..tangent_velocity import make_tangent
 from .joint_friction import apply_joint_friction, joints_with_friction
 from .phases import act, apply_law, move_freely
 from .records import DONE, UNSOLVED, MechanismStep
+from .walls import is_moved_by_walls, widen_margins
 
 
-@kernel("i8(MechanismStep, f8[::1], b1[::1])")
-def take_near(s: MechanismStep, drift: Array, near: Array) -> int:
+@kernel("i8(MechanismStep, f8[::1], f8[::1], b1[::1])")
+def take_near(s: MechanismStep, drift: Array, still: Array, near: Array) -> int:
     """Copy the rows ahead that join the law to its rows; write which and return how many; see `joining`.
 
-    `drift`, shape (nv,), leads to where the rows are.
+    `drift`, shape (nv,), leads to where the rows are. `still`, shape (parts,), is as of `Margins`, and the room's
+    margins are the largest.
     """
-    rows, near_rows, tolerance = s.ahead, s.rows, s.scales.tolerance
-    near_rows.size[0], own = 0, np.empty(rows.size[0])
-    write_largest_of_parts(rows.J, s.scales.part, s.room.margins, own)
-    for a in range(rows.size[0]):
-        near[a] = rows.lever[a] * rows.gap[a] <= tolerance + own[a]
-        if near[a] and own[a] > 0.0:
+    rows, near_rows, tolerance, k = s.ahead, s.rows, s.scales.tolerance, s.ahead.size[0]
+    near_rows.size[0], own, largest = 0, np.empty(k), np.empty(k if len(s.clocks.speeds) > 0 else 0)
+    write_largest_of_parts(rows.J, s.scales.part, still, own)
+    write_largest_of_parts(rows.J, s.scales.part, s.room.margins, largest)
+    for a in range(k):
+        farther = 0.0
+        if len(largest) > 0 and is_moved_by_walls(s, rows, a):
+            farther = largest[a] - own[a]
+        margin = own[a] + farther
+        near[a] = rows.lever[a] * rows.gap[a] <= tolerance + margin
+        if near[a] and margin > 0.0:
             change = 0.0
-            for k in range(len(drift)):
-                change += rows.J[a, k] * drift[k]
-            near[a] = joins(rows.gap[a], change, rows.e[a], rows.lever[a], tolerance)
+            for i in range(len(drift)):
+                change += rows.J[a, i] * drift[i]
+            near[a] = joins(rows.gap[a], change, rows.e[a], rows.lever[a], tolerance, farther)
         if near[a]:
             copy_row(rows, a, near_rows)
     return near_rows.size[0]
@@ -169,12 +176,16 @@ def step_of_shared_closings(s: MechanismStep, t: float, q: Array, v: Array, h: f
     s.corrected[0] = 0
     if projects:
         write_margins(scales.turn_squares, drift, scales.part, scales.tolerance, scales.length, room.margins)
+    still = room.margins
+    if projects and len(s.clocks.speeds) > 0:
+        still = room.margins.copy()
+        widen_margins(s, q, h, room.margins)
     s.constraints.given.time[0] = t + h
     code = search_nearby(s)
     if code != FOUND:
         return code
     near = room.near[: s.ahead.size[0]]
-    count = take_near(s, drift, near)
+    count = take_near(s, drift, still, near)
     # from here on w is the velocity before the law
     glide(s.mechanism, q, v, half, drift, middle, w)
     centered_forces(s, t + half, middle, w, half)

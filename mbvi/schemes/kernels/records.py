@@ -38,6 +38,20 @@ class LawMemory(NamedTuple):
     size: Array
 
 
+@record("f8[:,::1], f8[:,::1]")
+class Clocks(NamedTuple):
+    """The joints of walls that move; see `WallJoints`.
+
+    Attributes
+    ----------
+    speeds, changes : ndarray, shapes (n, 2) and (m, 6)
+        Its `clocks` and `changes`.
+    """
+
+    speeds: Array
+    changes: Array
+
+
 @record("f8, f8, f8, f8[:,::1], f8[:,::1], b1[::1], i8[::1], i8[::1], f8[::1], f8, b1, b1")
 class Scales(NamedTuple):
     """Numbers of a problem and of a scheme.
@@ -52,8 +66,8 @@ class Scales(NamedTuple):
         See `ClearanceCache`.
     late : ndarray of bool, shape (nv,) or (0,)
         The velocities at which `Centered` evaluates forces half a step later; of no size where there are none.
-    part : ndarray of int, shape (nv,)
-        See `independent_parts`.
+    part : ndarray of int, shape (n,)
+        See `independent_parts`; without joints of walls, which belong to no part.
     part_of_body : ndarray of int, shape (n,)
         See `parts_of_bodies`.
     reach : ndarray, shape (parts,)
@@ -167,7 +181,7 @@ def room(nq: int, nv: int, equalities: int, parts: int) -> Room:
 
 
 @record(
-    "Mechanism, FreeBodyTable, MechanismConstraints, LawMemory, Scales, ControlTable, i8[::1], Room, RowBuffer,"
+    "Mechanism, FreeBodyTable, MechanismConstraints, LawMemory, Scales, Clocks, ControlTable, i8[::1], Room, RowBuffer,"
     " RowBuffer, RowBuffer, f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:,::1], i8[::1],"
     " b1[::1]"
 )
@@ -176,7 +190,7 @@ class MechanismStep(NamedTuple):
 
     Attributes
     ----------
-    mechanism, bodies, constraints, memory, scales, control
+    mechanism, bodies, constraints, memory, scales, clocks, control
         What steps; `bodies` are those parts of the mechanism that are free bodies.
     acted : ndarray of int, shape (4,)
         Where the coordinates that the control knows begin and end in q, and in v.
@@ -209,6 +223,7 @@ class MechanismStep(NamedTuple):
     constraints: MechanismConstraints
     memory: LawMemory
     scales: Scales
+    clocks: Clocks
     control: ControlTable
     acted: Array
     room: Room

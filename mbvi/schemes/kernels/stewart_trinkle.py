@@ -19,6 +19,7 @@ from ..positions.displacement_kernel import independent_groups
 from .phases import evaluate_forces, move_freely, write_rates
 from .records import BOUNCES, DONE, UNSOLVED, MechanismStep
 from .stewart_trinkle_velocity import displacing_velocity, project_bounds
+from .walls import take_mean_rates
 
 # penetration at the end of a step above which it is retried where no depth is accepted, in lengths of the scene
 RETRY_DEPTH = 1e-3
@@ -37,7 +38,8 @@ def write_reach(s: MechanismStep, q: Array, displacement: Array, reach: Array) -
     place(m, q)
     for p in range(len(reach)):
         reach[p] = s.scales.tolerance
-    for body in range(1, len(end)):
+    # walls that move have no reach
+    for body in range(1, len(s.scales.part_of_body) + 1):
         turned, moved, p = 0.0, 0.0, s.scales.part_of_body[body - 1]
         for c in range(3):
             for r in range(3):
@@ -135,6 +137,7 @@ def stewart_trinkle_step(s: MechanismStep, t: float, q: Array, v: Array, h: floa
     code = active_rows(m, s.constraints, q[:0], displacement, q, reach, rows)
     if code != FOUND:
         return code
+    take_mean_rates(s, q, 0.5 * h)
     take_within_reach(s, room.margins)
     k = rows.size[0]
     bound, lower, gap, change = room.law[:k], room.bound[:k], room.gap[:k], room.opened[:k]

@@ -7,7 +7,7 @@ import numpy as np
 from ...compiled import kernel
 from ...constraints.carried import carry_points
 from ...constraints.mechanism.rows import MechanismConstraints
-from ...constraints.mechanism.tables import BALLS, PAIRS, RowBuffer
+from ...constraints.mechanism.tables import BALLS, HALF_SPACES, PAIRS, RowBuffer
 from ...system.mechanisms.mechanism import place
 from ...system.system import Array
 from ..kernels.records import MechanismStep
@@ -18,8 +18,10 @@ def carrier_of(constraints: MechanismConstraints, number: int) -> int:
     """Return the first body of a constraint; 0 where one of its bodies is the world, and where it has none."""
     for k in range(len(constraints.cache.kind)):
         kind = constraints.cache.kind[k]
-        if kind == PAIRS or kind == BALLS:
+        if kind == PAIRS or kind == BALLS or kind == HALF_SPACES:
             family = constraints.pairs if kind == PAIRS else constraints.touching
+            if kind == HALF_SPACES:
+                family = constraints.walls
             pair = number - family.number[0] if len(family.number) > 0 else -1
             if 0 <= pair < len(family.number):
                 return family.bodies[0, pair] if family.bodies[1, pair] > 0 else 0

@@ -200,12 +200,12 @@ def independent_groups(acts: Array, part: Array, group: Array) -> None:
     ----------
     acts : ndarray, shape (m, nv)
         The rows.
-    part : ndarray of int, shape (nv,)
-        Which mechanism or free body each velocity belongs to.
+    part : ndarray of int, shape (n,)
+        Which mechanism or free body each of the first velocities belongs to; others connect nothing.
     group : ndarray of int, shape (m,)
         Receives of each row the first row of its group.
     """
-    m, n = acts.shape
+    m, n = len(acts), len(part)
     first = np.full(part[n - 1] + 1, -1)
     for a in range(m):
         group[a] = a

@@ -93,7 +93,7 @@ def with_the_rest_of_law(problem: Problem, law: Step, v: Array, step: Step, orde
 @kernel("b1(f8[:,::1], f8[::1], f8, i8[::1], b1[::1], b1[::1])")
 def find_moved_groups(reach: Array, moved: Array, least: float, part: Array, velocities: Array, rows: Array) -> bool:
     """Write what `moved_groups` returns, for displacements above `least`; return whether that is all."""
-    m, n = reach.shape
+    m, n = len(reach), len(part)
     group, hit, touched = np.empty(m, np.int64), np.zeros(m, np.bool_), np.zeros(n, np.bool_)
     independent_groups_of(reach, part, group)
     for k in range(n):
@@ -162,7 +162,7 @@ def keep_the_rest_of_law(s: MechanismStep, moved: Array, rates: Array, slip: Arr
     write_acting(s.rows, reach)
     if find_moved_groups(reach, moved, _MOVED * s.scales.tolerance, s.scales.part, velocities, rows):
         return
-    for k in range(len(moved)):
+    for k in range(len(s.scales.part)):
         if not velocities[k]:
             s.v[k] = s.room.after[k]
     restore_columns(rates, s.rates, order, rows)

@@ -83,7 +83,7 @@ def write_floor(s: MechanismStep, v: Array, h: float, active: RowBuffer, floor: 
 @kernel("b1(MechanismStep, RowBuffer, i8)")
 def may_bounce(s: MechanismStep, rows: RowBuffer, a: int) -> bool:
     """Return whether row a acts on a part with a contact that may bounce (`room.bouncing`)."""
-    for k in range(len(s.v)):
+    for k in range(len(s.scales.part)):
         if rows.J[a, k] != 0.0 and s.room.bouncing[s.scales.part[k]] > 0.0:
             return True
     return False
