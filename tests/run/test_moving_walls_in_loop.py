@@ -133,20 +133,15 @@ def test_joints_of_walls_move_them_as_prescribed(seed):
     scene.add_box((0.1, 0.1, 0.1), position=(0, 0, 5.0))
     problem = scene.build()
 
-    class Frame:
-        def __init__(self, motion):
-            self.motion = motion
-
-    frames = [Frame(one) for one in each]
-    made = wall_joints(joined(problem.system), problem.system, frames)
+    made = wall_joints(joined(problem.system), problem.system, each)
     model, data = made.system.model, made.system.model.createData()
     for t in rng.uniform(-3.0, 3.0, 4):
         clocks = made.clocks[:, 0] * t + made.clocks[:, 1]
         q, v = np.concatenate([problem.q0, clocks]), np.concatenate([problem.v0, made.clocks[:, 0]])
         pin.forwardKinematics(model, data, q, v)
-        for frame in frames:
-            wall = made.walls[id(frame)]
-            pose, (turn, place), (velocity, spin) = data.oMi[wall.body], frame.motion.pose(t), frame.motion.twist(t)
+        for one in each:
+            wall = made.walls[one]
+            pose, (turn, place), (velocity, spin) = data.oMi[wall.body], one.pose(t), one.twist(t)
             np.testing.assert_allclose(pose.rotation, turn, atol=1e-14)
             np.testing.assert_allclose(pose.act(-wall.origin), place, atol=1e-14)
             twist = pose.act(data.v[wall.body])
@@ -207,3 +202,35 @@ def test_steps_that_the_loop_leaves_to_python_go_on_from_there(monkeypatch):
     expected = run_of(problem, mbvi.Centered(project_positions=True), duration=0.3)
     monkeypatch.setattr(taking, "compiled_loop", interrupted)
     assert_same(run_of(problem, mbvi.Centered(project_positions=True), duration=0.3), expected)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("name", SCHEMES)
+def test_simulators_take_the_steps_of_simulate(name, seed):
+    problem = drawn_scene(seed)
+    run, simulator = run_of(problem, SCHEMES[name], duration=0.3), mbvi.Simulator(problem, SCHEMES[name], step=2e-3)
+    for state in simulator.reset():
+        assert np.isfinite(state).all()
+    for k in range(1, len(run.t)):
+        q, v = simulator.step()
+        np.testing.assert_allclose(q, run.q[k], rtol=0.0, atol=1e-8)
+        np.testing.assert_allclose(v, run.v[k], rtol=0.0, atol=1e-6)
+    last = q.tobytes()
+    simulator.reset()
+    assert simulator.step(len(run.t) - 1)[0].tobytes() == last
+
+
+def test_a_simulator_names_the_contacts_at_walls_that_move():
+    scene = mbvi.Scene()
+    scene.add_halfspace((1, 0, 0), -1.0, name="side")
+    scene.add_halfspace((0, 0, 1), name="table", motion=motion.Oscillation((0, 0, 2e-3), 3.0))
+    scene.add_box((0.2, 0.2, 0.1), 2.0, position=(0, 0, 0.05), name="low")
+    scene.add_box((0.1, 0.1, 0.1), 1.0, position=(0, 0, 0.15), name="high")
+    simulator = mbvi.Simulator(scene.build(), mbvi.Centered(project_positions=True), step=1e-3)
+    simulator.step(120)
+    forces = {}
+    for contact in simulator.contacts:
+        forces[contact.name] = forces.get(contact.name, 0.0) + contact.force * contact.normal[2]
+    # the acceleration of the table in the middle of the step
+    lift = 9.81 - 2e-3 * (6.0 * np.pi) ** 2 * np.sin(6.0 * np.pi * 0.1195)
+    assert forces == pytest.approx({"low | high": lift, "low | table": 3.0 * lift}, rel=2e-3)

@@ -12,13 +12,14 @@ from ...geometry.motion import Motion
 from ...system import System
 from ...system.system import Part
 from ..family import ConstraintFamily
+from ..rebuilt import Rebuilt
 from ..rotations import rotation_rows
 from ..rows import Array, Rows
 from ..tangents import Tangents, axes_of
 from .spheres import SphereCentres
 
 
-class MovingFrame:
+class MovingFrame(Rebuilt):
     """A system in the coordinates of a frame with a prescribed motion, at the time and q of the last `set_state`.
 
     Walls that move with the frame stand still in it: families made for still walls evaluate them without change.
@@ -113,7 +114,7 @@ class MovingFrame:
         return self._system.separation_rows(self._q, first, second, point, normal)
 
 
-class MovingWalls(ConstraintFamily):
+class MovingWalls(Rebuilt, ConstraintFamily):
     """A family of walls that move together; a wall is the first of every pair.
 
     Parameters
@@ -134,6 +135,12 @@ class MovingWalls(ConstraintFamily):
         self.frame, self.constraint = frame, constraint
         self.size, self.restitution, self.smooth = constraint.size, constraint.restitution, constraint.smooth
         self.friction = constraint.friction
+
+    def rebuilt_with(self, old: Any, new: Any) -> MovingWalls:
+        """Return a copy with another object in the place of one argument of the frame."""
+        frame = self.frame.rebuilt_with(old, new)
+        assert isinstance(self.constraint, Rebuilt)
+        return MovingWalls(frame, self.constraint.rebuilt_with(self.frame, frame))
 
     def name(self, number: int) -> str:
         """Return the name of one pair."""

@@ -41,7 +41,7 @@ from .tables import (
     PairFamily,
     RowBuffer,
 )
-from .walls import DistancesOnBodies, HalfSpacesOnBodies
+from .walls import DistancesOnBodies, HalfSpacesOnBodies, motions_of
 from .ways import PairWays, pair_ways
 
 _KINDS: dict[type, int] = {
@@ -199,6 +199,12 @@ def can_be_compiled(constraints: AdmissibleSet) -> bool:
         return False
     found = (cache.candidates(k) for k in range(len(cache.arrays[0])))
     return all(one is None or isinstance(one.reach, np.ndarray) for one in found)
+
+
+def walls_can_be_bodies(constraints: AdmissibleSet) -> bool:
+    """Return whether the loop may take every family where walls that move are bodies; then see `can_be_compiled`."""
+    kinds = [_kind_of(family) for family in constraints.families if not family.moving]
+    return None not in kinds and GIVEN not in kinds and motions_of(constraints) is not None
 
 
 def has_given_rows(constraints: AdmissibleSet) -> bool:

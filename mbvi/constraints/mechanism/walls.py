@@ -14,7 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from ...geometry.motion import Oscillation, Rotation, Translation
+from ...geometry.motion import Motion, Oscillation, Rotation, Translation
+from ...geometry.same_motions import each_once
 from ...geometry.shapes.shape_table import ShapeTable
 from ...geometry.shapes.shapes import HalfSpace
 from ...system import System
@@ -22,7 +23,7 @@ from ...system.mechanisms.articulated import ArticulatedSystem
 from ..admissible_set import AdmissibleSet
 from ..families.half_space import HalfSpaceContacts
 from ..families.joint_limit import JointLimits
-from ..families.moving import MovingFrame, MovingWalls
+from ..families.moving import MovingWalls
 from ..families.signed_distance import SignedDistances
 from ..family import ConstraintFamily
 from ..rebuilt import Rebuilt
@@ -67,14 +68,14 @@ class WallJoints(NamedTuple):
     changes : ndarray, shape (m, 6)
         For each wall that changes its velocity its first joint among these, its speed [rad/s], and of an oscillation
         the amplitude [m] and the direction; NaN for a rotation.
-    walls : dict of MovingFrame to WallBody
-        The walls.
+    walls : dict of Motion to WallBody
+        The walls; those with one motion are one body.
     """
 
     system: ArticulatedSystem
     clocks: Array
     changes: Array
-    walls: dict[int, WallBody]
+    walls: dict[Motion, WallBody]
 
 
 class HalfSpacesOnBodies(HalfSpaceContacts):
@@ -139,17 +140,17 @@ class _WithWalls(ArticulatedSystem):
         return np.append(self._given.reach(body, centre, radius), np.zeros(self.nv - self._given.nv))
 
 
-def wall_joints(system: ArticulatedSystem, given: System, frames: list[MovingFrame]) -> WallJoints:
-    """Return a mechanism with the joints of the walls of some frames; `given` is what it was joined of."""
+def wall_joints(system: ArticulatedSystem, given: System, motions: list[Motion]) -> WallJoints:
+    """Return a mechanism with the joints of walls of some motions; `given` is what it was joined of."""
     model = system.model.copy()
-    clocks, changes, walls = list[tuple[float, float]](), list[tuple[float, ...]](), dict[int, WallBody]()
+    clocks, changes, walls = list[tuple[float, float]](), list[tuple[float, ...]](), dict[Motion, WallBody]()
 
     def add(parent: int, joint: Any, origin: Array, speed: float, start: float) -> int:
         clocks.append((speed, start))
         return int(model.addJoint(parent, joint, pin.SE3(np.eye(3), origin), str(model.njoints)))
 
-    for frame in frames:
-        motion, first, number, origin = frame.motion, model.nv, len(clocks), np.zeros(3)
+    for motion in motions:
+        first, number, origin = model.nv, len(clocks), np.zeros(3)
         if isinstance(motion, Translation):
             direction, speed = _direction(motion.velocity)
             body = add(0, pin.JointModelPrismaticUnaligned(*direction), origin, speed, 0.0)
@@ -173,7 +174,7 @@ def wall_joints(system: ArticulatedSystem, given: System, frames: list[MovingFra
             changes.append((number, speed, amplitude, *direction))
             reach = [0.25 * amplitude] * 3
         each = np.array([(first + k, one) for k, one in enumerate(reach)])
-        walls[id(frame)] = WallBody(body, origin, each, isinstance(motion, Oscillation))
+        walls[motion] = WallBody(body, origin, each, isinstance(motion, Oscillation))
     armature = np.array(model.armature)
     armature[system.nv :] = _ARMATURE
     model.armature = armature
@@ -186,9 +187,9 @@ def _direction(vector: Any) -> tuple[Array, float]:
     return (np.asarray(vector) / length, length) if length > 0.0 else (np.array([1.0, 0.0, 0.0]), 0.0)
 
 
-def frames_of(constraints: AdmissibleSet) -> list[MovingFrame] | None:
-    """Return the frames of the walls that move, each once; None if some of them cannot be a body."""
-    found = dict[int, MovingFrame]()
+def motions_of(constraints: AdmissibleSet) -> list[Motion] | None:
+    """Return the motions of the walls that move, each once; None if some wall cannot be a body."""
+    found = list[Motion]()
     for family in constraints.families:
         if not family.moving:
             continue
@@ -200,8 +201,8 @@ def frames_of(constraints: AdmissibleSet) -> list[MovingFrame] | None:
             return None
         if type(family.frame.motion) not in (Translation, Oscillation, Rotation):
             return None
-        found[id(family.frame)] = family.frame
-    return list(found.values())
+        found.append(family.frame.motion)
+    return each_once(found)
 
 
 def with_wall_bodies(constraints: AdmissibleSet, joints: WallJoints) -> tuple[AdmissibleSet, Array]:
@@ -302,4 +303,4 @@ def _distances(
 
 def _inner(family: ConstraintFamily, joints: WallJoints) -> tuple[ConstraintFamily, WallBody | None]:
     """Return a family as it is where walls stand still, and its wall."""
-    return (family.constraint, joints.walls[id(family.frame)]) if isinstance(family, MovingWalls) else (family, None)
+    return (family.constraint, joints.walls[family.frame.motion]) if isinstance(family, MovingWalls) else (family, None)

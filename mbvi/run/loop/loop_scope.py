@@ -7,8 +7,7 @@ from functools import cache
 import numpy as np
 
 from ...compiled import held
-from ...constraints.mechanism.state import can_be_compiled, has_given_rows
-from ...constraints.mechanism.walls import frames_of
+from ...constraints.mechanism.state import can_be_compiled, has_given_rows, walls_can_be_bodies
 from ...problem import Problem
 from ...schemes import Centered, MoreauJean, Paoli, Scheme, StewartTrinkle
 from ...system import HingedSystem
@@ -52,7 +51,7 @@ def _walls_can_be_bodies(problem: Problem, scheme: Scheme) -> bool:
     """Return whether all walls that move can be bodies of the mechanism, and a scheme takes them as such."""
     system = problem.system
     plain = system.whole is None and not has_user_forces(system) and system.observe is None
-    return plain and isinstance(scheme, _TAKE_WALLS) and frames_of(problem.constraints) is not None
+    return plain and isinstance(scheme, _TAKE_WALLS) and walls_can_be_bodies(problem.constraints)
 
 
 def _points(problem: Problem) -> float:
@@ -68,10 +67,9 @@ def _points(problem: Problem) -> float:
 def is_compiled_on_copies(problem: Problem, scheme: Scheme) -> bool:
     """Return whether the loop takes the steps on copies of a problem.
 
-    Given constraints cannot be copied, a control that sees contacts belongs to one run, and walls that move are bodies
-    of a mechanism that is made for one.
+    Given constraints cannot be copied, and a control that sees contacts belongs to one run.
     """
-    own = problem.system.observe is None and not has_given_rows(problem.constraints) and not problem.constraints.moving
+    own = problem.system.observe is None and not has_given_rows(problem.constraints)
     return own and is_compiled(problem, scheme)
 
 

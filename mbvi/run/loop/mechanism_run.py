@@ -16,7 +16,6 @@ from ...schemes import Scheme, Step
 from ...schemes.step import NO_RATES, STILL
 from ...system import FreeBodies, with_parts
 from ...system.mechanisms.articulated import ArticulatedSystem, Control
-from ...system.mechanisms.joined import joined
 from ...system.mechanisms.mechanism import Mechanism
 from ...system.system import Array, System
 from ..accuracy import projector_of
@@ -28,6 +27,7 @@ from .callbacks import python_callbacks
 from .compiled_loop import Patience, logged_step
 from .loop_scope import loop_of
 from .made_records import CHUNK, loop_record, mechanism_step
+from .moving_walls import in_loop
 from .step_loop import DONE, FULL
 
 # no state is recorded
@@ -43,17 +43,23 @@ class OwnProblem:
     ----------
     problem : Problem
         The copy; model, shapes and scene are shared.
+    loop : InLoop or None
+        What of it steps; None where kernels cannot step it.
     state : MechanismState
-        Its constraints in arrays.
+        The constraints of that in arrays.
     mechanism : Mechanism or None
-        None where Pinocchio cannot be called by address.
+        None where Pinocchio cannot be called by address, too.
     """
+
+    mechanism: Mechanism | None
 
     def __init__(self, problem: Problem) -> None:
         problem.constraints.renew()
         self.problem = _moved_by(problem, with_parts(problem.system, _copy_of))
-        self.state = MechanismState(self.problem.constraints)
-        self.mechanism: Mechanism | None = joined(self.problem.system).mechanism()
+        self.loop, self.mechanism = in_loop(self.problem), None
+        if self.loop is not None:
+            self.state = MechanismState(self.loop.constraints)
+            self.mechanism = self.loop.system.mechanism()
 
     @property
     def control(self) -> Control | None:
@@ -117,7 +123,8 @@ class MechanismRun:
 
     def __init__(self, own: OwnProblem, scheme: Scheme, h: float, room: int) -> None:
         problem, loop = own.problem, loop_of(scheme)
-        assert loop is not None and own.mechanism is not None
+        assert loop is not None and own.mechanism is not None and own.loop is not None
+        self._own = own.loop
         self.scheme, self._loop, self._h, self._state = scheme, loop, h, own.state
         self._guard, self._still = TunnellingGuard(problem, scheme, h), STILL * problem.length
         self._solved = SolvedSteps(problem, scheme, self._guard)
@@ -125,11 +132,14 @@ class MechanismRun:
         problem.system.start()
         self._callbacks = python_callbacks(problem, own.state)
         self._step = mechanism_step(
-            problem, scheme, self._projector.residual, own.mechanism, own.state, self._callbacks
+            problem, scheme, self._projector.residual, own.mechanism, own.state, self._callbacks, own.loop
         )
-        self.q, self.v = problem.q0.copy(), problem.v0.copy()
-        states = np.zeros(room), self.q[None], self.v[None]
-        self._log = loop_record(problem, scheme, self._guard, *states, *np.zeros((3, room)))
+        # the joints of walls come last
+        self._state_of_loop = own.loop.with_clocks(problem.q0), own.loop.with_clocks(problem.v0)
+        self.q, self.v = self._state_of_loop[0][: len(problem.q0)], self._state_of_loop[1][: len(problem.v0)]
+        penetration, violation, residual = np.zeros((3, room))
+        states = np.zeros(room), self.q[None], self.v[None], penetration, violation, residual
+        self._log = loop_record(problem, scheme, self._guard, *states, own.loop)
         self._held = held(self._step), held(self._log)
         # where states are recorded
         self._recorded = self._log.q, self._log.v
@@ -140,6 +150,8 @@ class MechanismRun:
         """Begin another run, after `done` steps: nothing is known of its projections yet."""
         self.problem, self._patience, self._since, self.done = problem, Patience(), done + 1, done
         self._made: Projector | None = None
+        if self._own.numbers is not None:
+            self._own.constraints.renew()
 
     @property
     def _projector(self) -> Projector:
@@ -150,6 +162,7 @@ class MechanismRun:
 
     def initial_step(self) -> Step:
         """Go to the initial state of the problem, and return it."""
+        self._step.memory.size[:] = 0
         self._last = found = first_step(self.problem, self._projector)
         self._go_on(found)
         return found
@@ -173,7 +186,7 @@ class MechanismRun:
                 self._held[1].replace(q=q, v=v)
             with nullcontext() if self._callbacks is None else self._callbacks.interruptible():
                 following, _, code = self._loop(
-                    *self._held, self.q, self.v, self.problem.t0, self._h, first,
+                    *self._held, *self._state_of_loop, self.problem.t0, self._h, first,
                     min(end, self._since + CHUNK), -1, every, count, self._guard.limit, self._still,
                 )  # fmt: skip
             if following > first:
@@ -198,13 +211,14 @@ class MechanismRun:
         """Return the last step, which ended at a time, with what contacts need of its rows."""
         if isinstance(self._last, Step):
             return self._last
-        return logged_step(self._log, self._last, t, self.problem.constraints.empty.jacobian)
+        return self._own.named(logged_step(self._log, self._last, t, self.problem.constraints.empty.jacobian))
 
     def _python_step(self, k: int) -> Step:
         """Take step number k by Python."""
         memory, problem, h = self._step.memory, self.problem, self._h
         self._state.leave()
-        self._projector.take_back(memory.percussion, memory.start, memory.size)
+        if self._own.numbers is None:
+            self._projector.take_back(memory.percussion, memory.start, memory.size)
         t, q, v = problem.t0 + (k - 1) * h, self.q.copy(), self.v.copy()
         before = Step(t, q, v, problem.constraints.empty, NO_RATES, 0.0)
         with failures_with_time(problem, h, lambda: before):
@@ -217,4 +231,5 @@ class MechanismRun:
         self.q[:], self.v[:] = step.q, step.v
         self._state.enter()
         memory = self._step.memory
-        self._projector.lend(memory.percussion, memory.start, memory.size)
+        if self._own.numbers is None:
+            self._projector.lend(memory.percussion, memory.start, memory.size)

@@ -9,8 +9,9 @@ import numpy as np
 
 from ...constraints import AdmissibleSet
 from ...constraints.mechanism.state import can_be_compiled
-from ...constraints.mechanism.walls import WallJoints, frames_of, wall_joints, with_wall_bodies
+from ...constraints.mechanism.walls import motions_of, wall_joints, with_wall_bodies
 from ...problem import Problem
+from ...schemes import Step
 from ...schemes.kernels.records import Clocks
 from ...system.mechanisms.articulated import ArticulatedSystem
 from ...system.mechanisms.joined import joined
@@ -46,6 +47,12 @@ class InLoop(NamedTuple):
         """Return q or v with room for the joints of walls."""
         return np.concatenate([state, np.zeros(len(self.clocks.speeds))])
 
+    def named(self, step: Step) -> Step:
+        """Return a step with rows of a log with the numbers of the problem."""
+        if self.numbers is None:
+            return step
+        return step._replace(active=step.active._replace(constraint=self.numbers[step.active.constraint]))
+
     def name_rows(self, log: LoopRecord, taken: int) -> None:
         """Give the rows of a log, of so many steps, the numbers of the problem, ascending in each step."""
         if self.numbers is None:
@@ -62,12 +69,12 @@ class InLoop(NamedTuple):
 def in_loop(problem: Problem) -> InLoop | None:
     """Return what the compiled loop steps of a problem of which `is_compiled` is true; None if it cannot."""
     system = joined(problem.system)
-    frames = frames_of(problem.constraints)
-    if not frames:
+    motions = motions_of(problem.constraints)
+    if not motions:
         return InLoop(system, problem.constraints, NO_CLOCKS, None)
     found = _made.get(problem.constraints)
     if found is None:
-        walls: WallJoints = wall_joints(system, problem.system, frames)
+        walls = wall_joints(system, problem.system, motions)
         constraints, numbers = with_wall_bodies(problem.constraints, walls)
         if not can_be_compiled(constraints):
             return None

@@ -113,7 +113,9 @@ def rollout(
     # a function of the user may have a memory of its own
     threads = 1 if has_user_forces(acting.system) else threads
     job = Job(problem, acting, chosen, q0, v0, steps, h)
-    compiled = is_compiled_on_copies(acting, chosen) and job.run_compiled(threads)
+    # the caches of walls that move are not those that jobs save
+    still = not acting.constraints.moving
+    compiled = still and is_compiled_on_copies(acting, chosen) and job.run_compiled(threads)
     left = job.resting() if compiled else job.valid()
     if left.size:
         job.run_by_simulate(left)
