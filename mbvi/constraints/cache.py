@@ -10,6 +10,7 @@ import numpy as np
 from ..compiled import kernel
 from ..system import System, independent_parts
 from .families.candidates import PairCandidates
+from .families.moving import MovingWalls
 from .family import ConstraintFamily
 from .rows import Array, Rows
 
@@ -119,16 +120,18 @@ class ClearanceCache:
     -----
     State lies in flat arrays, one row for each family that can be skipped: `envelope` and `travel` (n, nv), `clearance`
     (n,). Sets of families are masks with bit k for row k. Families have no such state: several sets may share them.
-    `squares` (n, nv) are those of the envelope, for `travel`, and `turn_squares` those of angles only, for bends of
-    gaps, also of families that are always queried; `searched` (nv,) are the velocities that move bodies of families
-    without an envelope, and `part` (nv,) is as of `independent_parts`. While the compiled loop has the state, `reclaim`
-    is the function that takes it back; it is called where functions of the user query the constraints.
+    `squares` are those of the envelope, also of walls that move, for `travel`, and `turn_squares` those of angles only,
+    for bends of gaps, also of families that are always queried; `searched` (nv,) are the velocities that move bodies of
+    families without an envelope at one time, and `part` (nv,) is as of `independent_parts`. While the compiled loop has
+    the state, `reclaim` is the function that takes it back; it is called where functions of the user query the
+    constraints.
     """
 
     def __init__(self, system: System, numbered: Sequence[tuple[ConstraintFamily, int, float]]) -> None:
         self._system, self.part = system, independent_parts(system)
         self._entries: list[_Entry] = []
         envelopes: list[Array] = []
+        travelling: list[Array] = []
         bending: list[Array] = []
         self.searched = np.zeros(system.nv, bool)
         for family, start, e in numbered:
@@ -137,14 +140,18 @@ class ClearanceCache:
             if envelope is not None:
                 envelopes.append(envelope)
             bends = family.bending_envelope() if envelope is None else envelope
-            if envelope is None:
+            # at one time a wall that moves is as one at rest
+            at_one_time = family.constraint.envelope() if isinstance(family, MovingWalls) else envelope
+            if at_one_time is None:
                 self.searched |= True if bends is None else bends > 0.0
+            else:
+                travelling.append(at_one_time)
             if bends is not None and len(bending) < _MOST_CACHED:
                 bending.append(bends)
         # those with a place in the arrays
         self._skipped = [entry for entry in self._entries if entry.slot >= 0]
         self._envelope = np.array(envelopes, dtype=float).reshape(-1, system.nv)
-        self.squares = self._envelope**2
+        self.squares = np.array(travelling, dtype=float).reshape(-1, system.nv) ** 2
         squares = np.array(bending, dtype=float).reshape(-1, system.nv) ** 2
         self.turn_squares = np.where(system.are_lengths(), 0.0, squares)
         self._travel, self._clearance = np.zeros(self._envelope.shape), np.full(len(envelopes), -np.inf)

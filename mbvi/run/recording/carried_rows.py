@@ -51,7 +51,7 @@ def farthest(problem: Problem, timing: Timing, last: Step | None, step: Step) ->
     counted: such a point has moved by no more than penetration.
     """
     constraints = problem.constraints
-    if last is None or constraints.searched.any():
+    if last is None or constraints.moving or constraints.searched.any():
         return 0.0 if last is None else np.inf
     h, envelope = step.t - last.t, constraints.cache.arrays[0]
     # points at the end of a step move on after the law
