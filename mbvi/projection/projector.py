@@ -99,6 +99,12 @@ class Projector:
         self._last.percussion, self._last.keys = percussion[: size[0]].copy(), None
         self.friction.start = FrictionalStart(start[: size[1]].copy(), bool(size[2]))
 
+    @property
+    def usual_step(self) -> float:
+        """Length of a usual step of the run [s]; 0 where it is not known."""
+        stated = self.acceptance.stated
+        return 0.0 if stated is None else stated.h
+
     def forget(self) -> None:
         """Forget the last percussions: the next projections start from none."""
         self._last.percussion, self._last.keys = np.zeros(0), None

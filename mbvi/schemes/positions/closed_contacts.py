@@ -45,6 +45,8 @@ class Applied(NamedTuple):
         none then.
     coasts : bool
         Whether bodies move from there as `System.coast` does, and not along the retraction.
+    usual : float
+        Length of a usual step [s]: a shortened one does not tell how fast contacts leave.
     """
 
     t: float
@@ -57,6 +59,7 @@ class Applied(NamedTuple):
     bouncing: Array | None = None
     across: Array | None = None
     coasts: bool = False
+    usual: float = 0.0
 
     def end(self, system: System, w: Array, time: float) -> tuple[Array, Array]:
         """Return configuration and velocity a time after the law, which has led to w; shapes (nq,) and (nv,)."""
@@ -66,7 +69,7 @@ class Applied(NamedTuple):
 
 def closed_contacts(problem: Problem, applied: Applied, step: Step) -> Array:
     """Return which rows of the law are closed contacts, shape (k,); see `project_positions`."""
-    rows, h = step.active, applied.h
+    rows, h = step.active, applied.usual
     lever = problem.constraints.levers(rows.constraint)
     rise = h * lever * step.after
     # one that bears load and closes lands within the step
@@ -107,7 +110,7 @@ def stays_sunk(problem: Problem, applied: Applied, rows: Rows, after: Array, bef
     `after` and `before`, shape (k,), are the rates of their gaps after and before the law.
     """
     lever, e, tolerance = problem.constraints.levers(rows.constraint), rows.restitution, problem.tolerance
-    depth, rise, fall = -lever * rows.gap, applied.h * lever * after, applied.h * lever * before
+    depth, rise, fall = -lever * rows.gap, applied.usual * lever * after, applied.usual * lever * before
     still = (2.0 * np.abs(rise) < depth) & (depth > -fall)
     return np.asarray((depth > tolerance) & (e < 1.0) & ((e == 0.0) | still))
 
