@@ -15,8 +15,9 @@ from ..problem import Problem
 from ..projection import Projector
 from ..schemes import Scheme, Step
 from ..schemes.observer import observer
-from ..system.system import Array
+from ..system.system import Array, System
 from .control_stability import turned_by_gains
+from .loop.moving_walls import with_walls
 from .meeting import Meeting
 
 # v . v at and above which a run has diverged
@@ -52,8 +53,9 @@ class TunnellingGuard:
 
     Attributes
     ----------
-    limit : float
-        v . v below which no body can pass through another, and no velocity diverges.
+    limit, limit_with_walls : float
+        v . v below which no body can pass through another, and no velocity diverges; the second one of velocities with
+        those of the joints of walls that move.
     observe : callable or None
         `observer` of the problem. The guard passes it shortened steps; the loop passes it the last part of each step.
     """
@@ -62,12 +64,16 @@ class TunnellingGuard:
         self._problem, self._scheme, self._h = problem, scheme, h
         self._jump = scheme.timing.jump
         self.observe = observer(problem)
+        # walls that move are bodies here
+        self._walls = with_walls(problem)
+        self._system: System = problem.system if self._walls is None else self._walls.system
+        constraints = problem.constraints if self._walls is None else self._walls.constraints
         # the families whose bodies can pass through each other
-        least = {family: family.least_displacement() for family in problem.constraints.families}
-        self._watched = [family for family in problem.constraints.families if np.isfinite(least[family])]
-        self.limit = RUNAWAY
+        least = {family: family.least_displacement() for family in constraints.families}
+        self._watched = [family for family in constraints.families if np.isfinite(least[family])]
+        self.limit_with_walls = RUNAWAY
         # for each velocity, the largest displacement of any pair in a step relative to its thickness
-        self._per_velocity = np.zeros(problem.system.nv)
+        self._per_velocity = np.zeros(self._system.nv)
         # the same for each pair, one array a family
         self._displacements: list[Array] = []
         # with many bodies there are no bounds of each pair, but an entry of v below which no body travels its thickness
@@ -75,14 +81,16 @@ class TunnellingGuard:
         for family in self._watched:
             share = family.passed_share()
             if share is None:
-                self._per_velocity, self._displacements = np.full(problem.system.nv, np.inf), []
+                self._per_velocity, self._displacements = np.full(self._system.nv, np.inf), []
                 self.slow_speed = min(least[one] for one in self._watched) / h
                 break
             np.maximum(self._per_velocity, h * share.max(axis=1), out=self._per_velocity)
             self._displacements.append(h * share)
         reach = float(self._per_velocity.dot(self._per_velocity))
         if reach > 0.0:
-            self.limit = min(self.limit, 1.0 / reach)
+            self.limit_with_walls = min(self.limit_with_walls, 1.0 / reach)
+        own = 0.0 if self._walls is None else float(self._walls.speeds.dot(self._walls.speeds))
+        self.limit = self.limit_with_walls - own
 
     @property
     def shares(self) -> tuple[Array, Array]:
@@ -107,7 +115,7 @@ class TunnellingGuard:
         rest = h
         for _ in range(_MOST_SHORTENED):
             self._check(new, h)
-            if self._none_passes(np.maximum(np.abs(state.v), np.abs(new.v))):
+            if self._none_passes(self._fastest(state, new)):
                 break
             part = self._part(state, new, rest)
             if part == 1.0 or rest <= _LEAST_REST * h:
@@ -141,9 +149,14 @@ class TunnellingGuard:
 
     def passed(self, state: Step, new: Step, h: float) -> float:
         """Return the part of one step of any length h after which a body would pass through another, 1 if none does."""
-        if self._none_passes(h / self._h * np.maximum(np.abs(state.v), np.abs(new.v))):
+        if self._none_passes(h / self._h * self._fastest(state, new)):
             return 1.0
         return self._part(state, new, h)
+
+    def _fastest(self, state: Step, new: Step) -> Array:
+        """Return the larger ones of the velocities before and after a step, and those of walls, shape (nv,)."""
+        fastest = np.maximum(np.abs(state.v), np.abs(new.v))
+        return fastest if self._walls is None else np.append(fastest, np.abs(self._walls.speeds))
 
     def _none_passes(self, v: Array) -> bool:
         """Return whether no pair travels its thickness in a step if no velocity exceeds that in v, shape (nv,)."""
@@ -169,6 +182,8 @@ class TunnellingGuard:
     def _part(self, state: Step, new: Step, h: float) -> float:
         """Return the part of a step after which a body would pass through another, 1 if none does."""
         jump = self._jump
+        if self._walls is not None:
+            state, new = self._walls.at_time(state), self._walls.at_time(new)
         for way, start, length in zip(self._ways(state, new, h), (0.0, jump), (jump, 1.0 - jump), strict=True):
             share = self._first(way, length) if length > 0.0 else 1.0
             if share < 1.0:
@@ -178,7 +193,7 @@ class TunnellingGuard:
 
     def _ways(self, state: Step, new: Step, h: float) -> tuple[_Way, _Way]:
         """Return how bodies move before the velocity jumps, and after that."""
-        system, before, after = self._problem.system, self._jump * h, (1.0 - self._jump) * h
+        system, before, after = self._system, self._jump * h, (1.0 - self._jump) * h
         if self._scheme.timing.coasts:
             # the second one ends with the step, where its velocity is known
             first, second = self._coasting(state.q, state.v, before, 0.0), self._coasting(new.q, new.v, after, 1.0)
@@ -200,7 +215,7 @@ class TunnellingGuard:
 
     def _coasting(self, q: Array, v: Array, h: float, at: float) -> _Way:
         """Return the way of a time h through q with the velocity v, at that share of it."""
-        integrate, coast = self._problem.system.integrate, self._problem.system.coast
+        integrate, coast = self._system.integrate, self._system.coast
         return _Way(lambda x: integrate(q, coast(v, (x - at) * h)[0]), lambda x: h * coast(v, (x - at) * h)[1])
 
     def _first(self, way: _Way, length: float) -> float:
@@ -227,7 +242,7 @@ class TunnellingGuard:
             # the first ball need not be that of the first body
             sign = 1.0 if family.bodies_of(pair)[0][0] == balls.bodies[0, 0] else -1.0
             return pair_approach(
-                self._problem.system, balls, reach[0], q, way.pace(x), float(gap[0]), sign * normal[0]
+                self._system, balls, reach[0], q, way.pace(x), float(gap[0]), sign * normal[0]
             )  # fmt: skip
 
         meeting = Meeting(approach, self._problem.tolerance, travel, thickness)

@@ -139,6 +139,12 @@ class _WithWalls(ArticulatedSystem):
             return super().reach(body, centre, radius)
         return np.append(self._given.reach(body, centre, radius), np.zeros(self.nv - self._given.nv))
 
+    def are_lengths(self) -> Array:
+        return np.append(self._given.are_lengths(), super().are_lengths()[self._given.nv :])
+
+    def go_straight(self) -> Array:
+        return np.append(self._given.go_straight(), super().go_straight()[self._given.nv :])
+
 
 def wall_joints(system: ArticulatedSystem, given: System, motions: list[Motion]) -> WallJoints:
     """Return a mechanism with the joints of walls of some motions; `given` is what it was joined of."""

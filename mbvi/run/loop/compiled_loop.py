@@ -76,7 +76,7 @@ class CompiledLoop:
         recorder: Recorder, guard: TunnellingGuard, h: float, every: int, total: int,
     ) -> None:  # fmt: skip
         self._problem, self._own, self._projector, self._recorder = problem, own, projector, recorder
-        self._loop, self._limit, self._h, self._every, self._total = loop, guard.limit, h, every, total
+        self._loop, self._limit, self._h, self._every, self._total = loop, guard.limit_with_walls, h, every, total
         self._state = MechanismState(own.constraints)
         self._callbacks = python_callbacks(problem, self._state)
         self._step = mechanism_step(problem, scheme, projector.residual, mechanism, self._state, self._callbacks, own)

@@ -72,7 +72,7 @@ def loop_record(
     pairs, clocks = guard.shares[1].shape[1], 0 if own is None else len(own.clocks.speeds)
     nq, nv, constraints = len(problem.q0) + clocks, len(problem.v0) + clocks, problem.constraints
     constraints = constraints if own is None else own.constraints
-    family, member, thickness, ways = columns_of(problem.constraints, guard.watched)
+    family, member, thickness, ways = columns_of(constraints, guard.watched)
     return LoopRecord(
         t, q, v, penetration, violation, residual, np.zeros(1, np.int64), np.zeros(CHUNK + 1, np.int64),
         np.zeros(CHUNK, bool), np.zeros(_ROWS, np.int64), np.zeros((_ROWS, width)), constraints.lever,

@@ -187,7 +187,7 @@ class MechanismRun:
             with nullcontext() if self._callbacks is None else self._callbacks.interruptible():
                 following, _, code = self._loop(
                     *self._held, *self._state_of_loop, self.problem.t0, self._h, first,
-                    min(end, self._since + CHUNK), -1, every, count, self._guard.limit, self._still,
+                    min(end, self._since + CHUNK), -1, every, count, self._guard.limit_with_walls, self._still,
                 )  # fmt: skip
             if following > first:
                 self._last = following - 1 - first

@@ -8,13 +8,13 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from ...constraints import AdmissibleSet
-from ...constraints.mechanism.state import can_be_compiled
+from ...constraints.mechanism.state import can_be_compiled, walls_can_be_bodies
 from ...constraints.mechanism.walls import motions_of, wall_joints, with_wall_bodies
 from ...problem import Problem
 from ...schemes import Step
 from ...schemes.kernels.records import Clocks
 from ...system.mechanisms.articulated import ArticulatedSystem
-from ...system.mechanisms.joined import joined
+from ...system.mechanisms.joined import can_be_joined, joined
 from ...system.system import Array
 from .loop_record import LoopRecord
 
@@ -47,6 +47,16 @@ class InLoop(NamedTuple):
         """Return q or v with room for the joints of walls."""
         return np.concatenate([state, np.zeros(len(self.clocks.speeds))])
 
+    @property
+    def speeds(self) -> Array:
+        """The speeds of the joints of walls."""
+        return self.clocks.speeds[:, 0]
+
+    def at_time(self, step: Step) -> Step:
+        """Return a step with the joints of walls, where they are at its time."""
+        q, v = np.append(step.q, self.speeds * step.t + self.clocks.speeds[:, 1]), np.append(step.v, self.speeds)
+        return step._replace(q=q, v=v)
+
     def named(self, step: Step) -> Step:
         """Return a step with rows of a log with the numbers of the problem."""
         if self.numbers is None:
@@ -68,19 +78,25 @@ class InLoop(NamedTuple):
 
 def in_loop(problem: Problem) -> InLoop | None:
     """Return what the compiled loop steps of a problem of which `is_compiled` is true; None if it cannot."""
-    system = joined(problem.system)
-    motions = motions_of(problem.constraints)
-    if not motions:
-        return InLoop(system, problem.constraints, NO_CLOCKS, None)
-    found = _made.get(problem.constraints)
-    if found is None:
-        walls = wall_joints(system, problem.system, motions)
-        constraints, numbers = with_wall_bodies(problem.constraints, walls)
-        if not can_be_compiled(constraints):
-            return None
-        found = InLoop(walls.system, constraints, Clocks(walls.clocks, walls.changes), numbers)
-        constraints.cache.start(found.with_clocks(problem.q0))
-        _made[problem.constraints] = found
+    if not problem.constraints.moving:
+        return InLoop(joined(problem.system), problem.constraints, NO_CLOCKS, None)
+    found = with_walls(problem)
+    if found is None or not can_be_compiled(found.constraints):
+        return None
     # a run gives the same bytes whatever ran before
     found.constraints.renew()
+    return found
+
+
+def with_walls(problem: Problem) -> InLoop | None:
+    """Return a problem with its walls that move as bodies; None if there are none, or if some cannot be bodies."""
+    constraints = problem.constraints
+    if not (constraints.moving and walls_can_be_bodies(constraints) and can_be_joined(problem.system)):
+        return None
+    found = _made.get(constraints)
+    if found is None:
+        walls = wall_joints(joined(problem.system), problem.system, motions_of(constraints) or [])
+        bodies, numbers = with_wall_bodies(constraints, walls)
+        found = _made[constraints] = InLoop(walls.system, bodies, Clocks(walls.clocks, walls.changes), numbers)
+        bodies.cache.start(found.with_clocks(problem.q0))
     return found
