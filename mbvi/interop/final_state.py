@@ -14,6 +14,7 @@ from ..derivatives.motion.differences import STEP, along
 from ..derivatives.sensitivity import TOLERANCE
 from ..errors import InputError
 from ..problem import Problem
+from ..results.loop_forces import without_equalities
 from ..run.given_scheme import checked_scheme
 from ..run.simulate import simulate
 from ..schemes import EventDriven, Scheme
@@ -62,7 +63,8 @@ class FinalState:
     def back(self, q: Array, v: Array, p: Array, by_q: Array, by_v: Array) -> tuple[Array, Array, Array]:
         """Return the derivatives of a number by q, v and p at the start, from those by q and v at the end."""
         problem = self._at(q, v, p)
-        system, n = problem.system, problem.system.nv
+        # variations keep loops; a retraction that closes them would make the columns of the tangent space dependent
+        system, n = without_equalities(problem.system), problem.system.nv
 
         def number(q: Array, v: Array) -> tuple[float, Array]:
             return 0.0, np.concatenate([_tangent(system, q).T @ by_q, by_v])

@@ -154,6 +154,52 @@ def test_a_free_turn(work):
     agrees(np.hstack(found), np.hstack(exact))
 
 
+def hinged():
+    """Two boxes that a hinge connects, and that fall on a floor one after the other."""
+    scene = mbvi.Scene(restitution=0.5)
+    scene.add_halfspace((0.1, 0.05, 1), name="floor")
+    scene.add_box((0.3, 0.04, 0.06), 1.0, position=(0, 0, 0.4), angular_velocity=(1, 2, 1.5), name="first")
+    scene.add_box((0.3, 0.06, 0.04), 2.0, position=(0.3, 0, 0.4), name="second")
+    scene.hinge("first", "second", at=(0.15, 0, 0.4), axis=(0, 1, 0))
+    return scene.build()
+
+
+def coupled():
+    """A robot of which one joint follows another."""
+    scene = mbvi.Scene()
+    fingers = ["left_finger_joint", "right_finger_joint"]
+    scene.add_urdf("robot:arm", base="fixed", joints={"joint2": 0.3}, locked=fingers, name="arm")
+    scene.couple("arm/joint2", "arm/joint4", ratio=-0.5)
+    return scene.build(resolve=True)
+
+
+@pytest.mark.parametrize(("make", "impacts"), [(hinged, 1), (coupled, 0)])
+def test_closed_loops_against_differences_of_runs(work, make, impacts):
+    """Along variations that keep the loop, whose tangent vectors are fewer than the velocities."""
+    problem, scheme, T = make(), mbvi.EventDriven(1e-12), 0.3
+    assert len(mbvi.simulate(problem, scheme, duration=T).impacts) >= impacts
+    nv, system = problem.system.nv, problem.system
+    rng = np.random.default_rng(3)
+    weights = rng.normal(size=problem.system.nq + nv)
+    rollout = work.rollout(problem, scheme, duration=T)
+
+    def number(q, v):
+        return sum(w * x for w, x in zip(weights, [*q, *v], strict=True))
+
+    by_q, by_v = work.gradients(lambda q, v: number(*rollout(q, v)), problem.q0, problem.v0)
+    keeping = mbvi.sensitivity(problem, scheme, duration=T).matrices[0]
+    for _ in range(3):
+        varied, h = keeping @ rng.normal(size=2 * nv), 1e-5
+        ends, starts = [], []
+        for sign in (1, -1):
+            q, v = system.integrate(problem.q0, sign * h * varied[:nv]), problem.v0 + sign * h * varied[nv:]
+            run = mbvi.simulate(problem.at(q, v), scheme, duration=T)
+            ends.append(number(run.q[-1], run.v[-1]))
+            starts.append(q)
+        found = by_q @ (starts[0] - starts[1]) / (2 * h) + by_v @ varied[nv:]
+        assert found == pytest.approx((ends[0] - ends[1]) / (2 * h), rel=1e-5, abs=1e-5)
+
+
 def test_of_fixed_steps_the_derivative_is_that_of_the_motion(work):
     q, v, e = np.array([0, 0, 0.7]), np.array([3.5, 0.3, 0.1]), 0.7
     rollout = work.rollout(thrown, mbvi.Paoli(), duration=DURATION, step=1e-4, wrt=["restitution"])
