@@ -20,6 +20,8 @@ from .run_data import Array, RunData
 _FINER, _COMMON = 65, 7
 # its tolerance over that of the first: at a tenth both often take the same steps; steps of order 2 are dearer
 _STRICTER, _STRICTER_ADAPTIVE = 1e-3, 1e-2
+# part of a step by which times of states differ by rounding
+_SAME = 1e-3
 
 Run = TypeVar("Run", bound=RunData)
 
@@ -90,10 +92,7 @@ def _estimated(run: RunData) -> ErrorEstimate:
         compared, finer = np.arange(len(run.t)), _stricter(scheme)
         other, second = again(problem, finer, duration=duration), repr(finer)
     else:
-        step = run.step * _COMMON / _FINER
-        # states are recorded after as many steps as lie between those of the first run
-        every = max(1, round(float(run.t[1] - run.t[0]) / run.step))
-        compared = np.append(np.arange(0, len(run.t) - 1, _COMMON), len(run.t) - 1)
+        step, every, compared = run.step * _COMMON / _FINER, *_common(run)
         other = again(problem, scheme, duration=duration, step=step, every=_FINER * every)
         second = f"{scheme!r} at h = {step:.3g} s"
     t, units = run.t[compared], velocity_units(problem.system, problem.length)
@@ -105,6 +104,21 @@ def _estimated(run: RunData) -> ErrorEstimate:
     fork, caveat = _fork(run)
     error[t > fork] = np.nan
     return ErrorEstimate(t, error, problem.length, fork, second, caveat)
+
+
+def _common(run: RunData) -> tuple[int, Array]:
+    """Return how many steps lie between recorded states, and the numbers of the states that are compared.
+
+    Where connections were switched, states between those are recorded too.
+    """
+    steps = (run.t - run.t[0]) / run.step
+    done, total = np.rint(steps[:-1]).astype(np.int64), float(steps[-1])
+    every = max(1, round(total))
+    for one in done[1:].tolist():
+        if np.isin(np.arange(one, total - _SAME, one), done).all():
+            every = one
+            break
+    return every, np.append(np.flatnonzero(done % (_COMMON * every) == 0), len(done))
 
 
 def repeatable(run: Run, again: Callable[..., RunData], settings: Settings | None = None) -> Run:

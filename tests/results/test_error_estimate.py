@@ -109,6 +109,22 @@ def test_a_thinned_run_and_one_from_a_file_have_the_same_estimate(tmp_path):
     assert estimates[0].largest > 1e-4
 
 
+@pytest.mark.parametrize("every", [3, 10])
+def test_states_that_switches_add_to_a_thinned_run_are_not_compared(every):
+    """Two boxes fly side by side and are welded for a while: Centered has their parabola exactly."""
+    scene = mbvi.Scene()
+    for name, x in (("left", 0.0), ("right", 0.3)):
+        scene.add_box((0.1, 0.1, 0.1), mass=1.0, position=(x, 0, 1), velocity=(1, 0, 2), name=name)
+    scene.weld("left", "right", name="weld", active=False)
+    run = mbvi.simulate(
+        scene.build(), mbvi.Centered(), step=1e-3, duration=0.4, every=every,
+        switch=lambda state: {"weld": 0.0015 < state.t < 0.2},
+    )  # fmt: skip
+    assert len(run.t) > 1 + 400 / every
+    np.testing.assert_allclose(run.q[:, 2], 1 + 2 * run.t - 9.81 / 2 * run.t**2, rtol=0, atol=1e-12)
+    assert run.error_estimate().largest < 1e-10
+
+
 def test_what_has_no_estimate_is_refused():
     with pytest.raises(UnsuitableError, match="1e-12"):
         mbvi.simulate(falling(), mbvi.EventDriven(1e-13), duration=0.1).error_estimate()
