@@ -4,7 +4,9 @@ import warnings
 import xml.etree.ElementTree as ElementTree
 
 import numpy as np
+import pinocchio as pin
 import pytest
+from scipy.spatial.transform import Rotation
 
 import mbvi
 from support.paths import DATA, REAL_ROBOTS, real_robot
@@ -131,3 +133,57 @@ def test_mimic_joints_of_all_published_robots_are_modelled():
             continue
         found.append(check_followed(file))
     assert len(found) > 60 and sum(n > 0 for n in found) >= 7
+
+
+PLANAR = """<robot name="table"><link name="ground"/>
+  <link name="slider"><inertial><origin xyz=".1 .2 .3"/><mass value="2"/>
+    <inertia ixx=".02" iyy=".03" izz=".025" ixy=".001" ixz="-.002" iyz=".003"/></inertial>
+    <collision><origin xyz=".3 .1 -.2"/><geometry><sphere radius=".05"/></geometry></collision></link>
+  <joint name="plane" type="planar"><parent link="ground"/><child link="slider"/>{axis}
+    <origin xyz=".4 -.2 .1" rpy=".3 -.5 .8"/></joint>
+  <link name="arm"><inertial><mass value="1"/><inertia ixx=".1" iyy=".1" izz=".1" ixy="0" ixz="0" iyz="0"/></inertial>
+    <collision><origin xyz="0 .2 0"/><geometry><sphere radius=".05"/></geometry></collision></link>
+  <joint name="elbow" type="revolute"><parent link="slider"/><child link="arm"/><axis xyz="0 1 0"/>
+    <origin xyz=".2 0 .5" rpy="0 .7 .2"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>"""
+
+
+@pytest.mark.parametrize("axis", ["1 0 0", "0 0 1", "0 0 -1", "1 -2 2", None])
+def test_a_planar_joint_moves_across_its_axis(tmp_path, axis):
+    """By the specification of URDF: in the plane perpendicular to the axis, which is x where the file names none."""
+    file = tmp_path / "table.urdf"
+    file.write_text(PLANAR.format(axis="" if axis is None else f"<axis xyz='{axis}'/>"))
+    scene = mbvi.Scene()
+    scene.add_halfspace((0, 0, 1), -9.0, name="floor")
+    scene.add_urdf(file, base="fixed", position=(0, 0, 1), rotation=(0.2, 0, 0), name="table")
+    problem = scene.build()
+
+    def pose(place, turn):
+        found = np.eye(4)
+        found[:3, 3], found[:3, :3] = place, Rotation.from_euler("xyz", turn).as_matrix()
+        return found
+
+    base = pose((0, 0, 1), (0.2, 0, 0)) @ pose((0.4, -0.2, 0.1), (0.3, -0.5, 0.8))
+    slider = base @ [0.3, 0.1, -0.2, 1]
+    arm = base @ pose((0.2, 0, 0.5), (0, 0.7, 0.2)) @ [0, 0.2, 0, 1]
+    heights = dict(zip(("table/slider | floor", "table/arm | floor"), (slider[2], arm[2]), strict=True))
+    gaps = problem.constraints.gap(0.0, problem.q0)
+    found = {problem.constraints.name(k): gap for k, gap in enumerate(gaps)}
+    for name, height in heights.items():
+        assert found[name] == pytest.approx(height + 9.0 - 0.05, abs=1e-12)
+    normal = base[:3, :3] @ (np.array([1.0, 0, 0]) if axis is None else np.array(axis.split(), dtype=float))
+    normal /= np.linalg.norm(normal)
+    model, centre = problem.model("table"), base @ [0.1, 0.2, 0.3, 1]
+    data = model.createData()
+
+    def of_slider(q):
+        pin.forwardKinematics(model, data, q)
+        return data.oMi[1].act(model.inertias[1].lever)
+
+    np.testing.assert_allclose(of_slider(problem.q0), centre[:3], atol=1e-12)
+    for v in np.eye(4)[:3]:
+        moved = of_slider(pin.integrate(model, problem.q0, v)) - centre[:3]
+        assert np.linalg.norm(moved) > 0.01 and abs(normal @ moved) < 1e-12
+    run = mbvi.simulate(problem, step=1e-3, duration=0.1)
+    run.save(tmp_path / "run.h5")
+    again = mbvi.simulate(mbvi.load(tmp_path / "run.h5").problem, step=1e-3, duration=0.1)
+    assert (again.q == run.q).all() and np.array_equal(again.problem.constraints.gap(0.0, problem.q0), gaps)

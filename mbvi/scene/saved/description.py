@@ -291,6 +291,7 @@ def _robot(item: RobotItem, ctrl: Array | None) -> dict[str, Any]:
     return {
         "name": robot.name,
         "urdf": robot.text,
+        "planes": True,
         # a MJCF is kept as what was made of it, so that reading needs no MuJoCo
         "model": "" if robot.text else robot.model.saveToString(),
         "file": robot.file,
@@ -315,7 +316,8 @@ def _robot(item: RobotItem, ctrl: Array | None) -> dict[str, Any]:
 def _robot_back(data: dict[str, Any], control: Control | None) -> RobotItem:
     position, rotation = np.array(data["position"]), np.array(data["rotation"])
     if data["urdf"]:
-        model = build_model(data["urdf"], data["base"], rotation, position)
+        # older files have the shapes of planar joints along x and y of their frames
+        model = build_model(data["urdf"], data["base"], rotation, position, planes=data.get("planes", False))
     else:
         model = pin.Model()
         model.loadFromString(data["model"])
@@ -323,14 +325,12 @@ def _robot_back(data: dict[str, Any], control: Control | None) -> RobotItem:
         PlacedShape(**{**_arrays(s), "shape": _shape_back(s["shape"]), "color": tuple(s["color"])})
         for s in data["shapes"]
     )
-    apart = frozenset((a, b) for a, b in data["apart"])
-    omitted = tuple(Omission(*one) for one in data["omitted"])
+    apart, omitted = frozenset((a, b) for a, b in data["apart"]), tuple(Omission(*one) for one in data["omitted"])
     robot = Robot(data["name"], data["urdf"], model, shapes, apart, omitted, pin.neutral(model), data.get("file", ""))
     start, locked = (_vector(data["q0"]), _vector(data["v0"])), tuple(data.get("locked", ()))
     springs, actuators = (tuple(map(_force_back, data.get(kind, ()))) for kind in ("springs", "actuators"))
     if control is None and data["control"] is not None:
-        source = str(data["control"])
-        control = LostInputs(source, len(actuators)) if actuators else LostControl(source)
+        control = LostInputs(str(data["control"]), len(actuators)) if actuators else LostControl(str(data["control"]))
     if actuators:
         driven = Actuators(actuators, np.array(data["ctrl"]))
         control = driven if control is None else DrivenActuators(driven, control)

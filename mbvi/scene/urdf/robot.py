@@ -31,6 +31,7 @@ from .checks import (
     read_xml,
 )
 from .mimic import Mimic, mimics_of
+from .planar_joints import turn_planar_joints
 from .self_pairs import disabled_pairs, pairs_left_out
 
 
@@ -127,8 +128,13 @@ def load_robot(
     return Robot(name, text, model, tuple(shapes), frozenset(apart), tuple(omitted), reference, where, mimics)
 
 
-def build_model(text: str, base: str, rotation: Array, position: Array, file: Path | str = "URDF") -> pin.Model:
-    """Return the Pinocchio model of a URDF text, a fixed base placed in the world."""
+def build_model(
+    text: str, base: str, rotation: Array, position: Array, file: Path | str = "URDF", planes: bool = True
+) -> pin.Model:
+    """Return the Pinocchio model of a URDF text, a fixed base placed in the world.
+
+    `planes` is whether planar joints move across their axes; without, along x and y of their frames.
+    """
     lines: list[str] = []
     try:
         with _caught() as lines:
@@ -139,6 +145,8 @@ def build_model(text: str, base: str, rotation: Array, position: Array, file: Pa
         raise UrdfError(f"{file}: Pinocchio cannot build the mechanism: {reason}") from error
     if model.nv == 0:
         raise UrdfError(f"{file}: a fixed base and no moving joint leave nothing to simulate; use base='free'")
+    if planes:
+        turn_planar_joints(model, text)
     if base == "fixed":
         pose = pin.SE3(np.asarray(rotation, dtype=float), np.asarray(position, dtype=float))
         for joint in range(1, model.njoints):
