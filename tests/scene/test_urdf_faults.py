@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import mbvi
+from mbvi.scene.urdf.visuals import visual_shapes
 from support.faults import mutated_robots as faults
 from support.paths import ROBOTS
 
@@ -89,9 +90,16 @@ def test_limits_may_be_the_largest_float(tmp_path):
 def test_names_are_read_in_the_encoding_that_a_file_declares(tmp_path, encoding):
     declared = {"utf-8-sig": "utf-8"}.get(encoding, encoding)
     text = PENDULUM.replace("double_pendulum", "pendule_\u00e0_deux", 1).partition("?>")[2]
+    text = text.replace("lower_link", "bras_\u00e9")
     path = tmp_path / "robot.urdf"
     path.write_bytes(f'<?xml version="1.0" encoding="{declared}"?>{text}'.encode(encoding))
-    assert mbvi.Scene().add_urdf(path, base="fixed") == "pendule_\u00e0_deux"
+    scene = mbvi.Scene()
+    assert scene.add_urdf(path, base="fixed") == "pendule_\u00e0_deux"
+    # its text is read again for forces at centres of mass, and for what is shown
+    scene.add_force("pendule_\u00e0_deux/bras_\u00e9", lambda t, q, v: [1.0, 0, 0, 0, 0, 0])
+    run = mbvi.simulate(scene.build(), step=1e-3, duration=0.01)
+    run.replay_html(tmp_path / "run.html")
+    assert any("bras_\u00e9" in shape.name for shape in visual_shapes(run.problem.scene)[0])
     path.write_bytes(f'<?xml version="1.0" encoding="utf-8"?>{text}'.encode("latin-1"))
     with pytest.raises(mbvi.UrdfError, match="encoding that it declares"):
         mbvi.Scene().add_urdf(path, base="fixed")

@@ -35,7 +35,7 @@ def centre_of(robot: Robot, link: str) -> Array:
     if not robot.text:
         lever: Array = robot.model.frames[robot.model.getFrameId(link, pin.FrameType.BODY)].inertia.lever
         return lever
-    for one in ElementTree.fromstring(robot.text.encode()).findall("link"):
+    for one in ElementTree.fromstring(robot.text).findall("link"):
         origin = one.find("inertial/origin")
         if one.get("name") == link and origin is not None and origin.get("xyz"):
             return np.array(origin.get("xyz", "").split(), dtype=float)

@@ -72,7 +72,7 @@ def _of_robot(item: RobotItem, meshes: dict[Any, Mesh]) -> Iterator[PlacedShape]
     robot, model = item.robot, item.robot.model
     if not robot.text:
         return
-    root = ElementTree.fromstring(robot.text.encode())
+    root = ElementTree.fromstring(robot.text)
     named = _named_colors(root)
     file = Path(robot.file)
     folders = mesh_folders(file)
