@@ -114,10 +114,10 @@ class RobotOnFloor(NamedTuple):
         return read_xml(self.robot)[1].tag == "mujoco"
 
     def _gravity_of_mjcf(self) -> Array:
-        from ..scene.mjcf.file import compiled_model
+        from ..scene.mjcf.file import compiled_model, gravity_of
         from ..scene.urdf.robot_names import description_file
 
-        return np.array(compiled_model(description_file(self.robot, "MJCF"))[0].opt.gravity)
+        return gravity_of(compiled_model(description_file(self.robot, "MJCF"))[0])
 
     def _of_mjcf(self, gravity: Array) -> tuple[bool, bool]:
         """Return whether a MJCF has walls of its own, and whether its base is fixed."""

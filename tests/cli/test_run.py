@@ -109,6 +109,17 @@ def test_gravity_is_that_of_the_mjcf(command, tmp_path):
     assert run.q[-1, 2] == pytest.approx(2.0 - 0.5 * 1.62 * run.t[-1] ** 2)
 
 
+def test_a_mjcf_without_gravity_floats(command, tmp_path):
+    text = FALLING.format(plane=PLANE, z=2.0).replace(
+        "<worldbody>", "<option><flag gravity='disable'/></option><worldbody>"
+    )
+    (tmp_path / "space.xml").write_text(text)
+    code, out, err = command("simulate", "space.xml", "--duration", "0.5", "--step", "1e-3", "--out", "run.h5")
+    assert code == 0 and "gravity" not in out + err
+    run = mbvi.load(tmp_path / "run.h5")
+    assert (run.q[-1] == run.q[0]).all()
+
+
 def test_what_a_mjcf_loses_is_a_note(command, tmp_path):
     pytest.importorskip("mujoco")
     text = FALLING.format(plane=PLANE, z=0.5).replace(

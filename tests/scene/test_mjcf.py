@@ -316,6 +316,25 @@ def test_a_keyframe_is_mujocos_state(tmp_path_factory, text, seed):
     assert text is not WALKER or not still.build((), resolve=True).v0[:6].any()
 
 
+MOCAP = """<mujoco><worldbody><body name="hand" mocap="true" pos="1 0 1" euler="0 0 30">
+  <geom type="box" size=".1 .2 .3"/></body><body pos="0 0 2"><freejoint/><geom size=".1"/></body></worldbody>
+  <keyframe><key name="moved" mpos="3 1 2" mquat=".8 0 .6 0"/>
+  <key name="as it is" qpos="0 0 3 1 0 0 0"/></keyframe></mujoco>"""
+
+
+@pytest.mark.parametrize("keyframe", [None, "moved", "as it is"])
+def test_a_mocap_body_stands_where_a_keyframe_puts_it(tmp_path, keyframe):
+    with pytest.warns(mbvi.MbviWarning, match="1 mocap bodies"):
+        scene, _, m = scene_of(MOCAP, tmp_path, keyframe=keyframe, position=(0, 0, 1))
+    d = mujoco.MjData(m)
+    if keyframe is not None:
+        mujoco.mj_resetDataKeyframe(m, d, m.key(keyframe).id)
+    mujoco.mj_forward(m, d)
+    (hand,) = (item for item in scene._items.bodies if item.name == "hand")
+    np.testing.assert_allclose(hand.position, d.geom_xpos[0] + [0, 0, 1], atol=1e-15)
+    np.testing.assert_allclose(hand.rotation, d.geom_xmat[0].reshape(3, 3), atol=1e-15)
+
+
 def test_unknown_keyframes_are_refused(tmp_path):
     with pytest.raises(mbvi.InputError, match="no keyframe 'home'; it has none"):
         scene_of(WALKER, tmp_path, keyframe="home")

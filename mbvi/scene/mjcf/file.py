@@ -32,6 +32,11 @@ def disabled(m: Any, *flags: str) -> bool:
     return any(m.opt.disableflags & int(getattr(bits, f"mjDSBL_{flag}")) for flag in flags)
 
 
+def gravity_of(m: Any) -> Array:
+    """Return the gravity that acts in an MjModel, in its frame, shape (3,) [m/s^2]."""
+    return np.zeros(3) if disabled(m, "GRAVITY") else np.array(m.opt.gravity)
+
+
 def compiled_model(file: Path) -> tuple[Any, str]:
     """Return the MjModel of a MJCF, and the MJCF as MuJoCo writes it, without includes and default values.
 

@@ -20,7 +20,7 @@ from ..items import SurfaceItem
 from ..reductions import Omission
 from ..urdf.robot import Robot
 from .equalities import MjcfEqualities, equalities_of
-from .file import compiled_model, disabled, placement
+from .file import compiled_model, disabled, gravity_of, placement
 from .joint_forces import MjcfForces, forces_of
 from .left_out import left_out
 from .shapes import Coefficients, Geoms
@@ -128,7 +128,8 @@ def load_mjcf(
         If MuJoCo is not installed, or the file has no such keyframe.
     """
     m, text = compiled_model(file)
-    tree = _tree(m, pose)
+    row = None if keyframe is None else _keyframe_number(m, keyframe)
+    tree = _tree(m, pose, row)
     model = tree.model
     if model.nv == 0:
         raise MjcfError(f"{file}: no body has a joint: nothing moves")
@@ -137,8 +138,8 @@ def load_mjcf(
     apart, dropped = geoms.pairs_left_out(model, reference)
     named, counted = left_out(m, text, tree.names, rolling)
     start, velocity, ctrl = reference, np.zeros(model.nv), np.zeros(m.nu)
-    if keyframe is not None:
-        start, velocity, ctrl, moved = *_keyframe(m, tree, pose, keyframe), []
+    if row is not None:
+        start, velocity, ctrl, moved = *_keyframe(m, tree, pose, row), []
     equalities = equalities_of(m, pose, name, tree.names, _joint_names(m))
     forces = forces_of(m, _joint_names(m))
     omitted = (*geoms.omitted, *named, *moved, *dropped, *equalities.omitted, *forces.omitted)
@@ -148,7 +149,7 @@ def load_mjcf(
     robot = Robot(name, "", model, shapes, frozenset(apart), omitted, start, str(file.resolve()))
     ignored = (*counted, *(f"{one.what}, {one.why}" for one in moved), *geoms.ignored)
     ignored = (*ignored, *(one.what for one in (*equalities.omitted, *forces.omitted)))
-    gravity = np.zeros(3) if disabled(m, "GRAVITY") else pose.rotation @ m.opt.gravity
+    gravity = pose.rotation @ gravity_of(m)
     kind = "free" if free else "fixed"
     walls, fields, statics, friction = geoms.walls, geoms.fields, geoms.statics, geoms.friction(rolling)
     return MjcfModel(
@@ -157,15 +158,20 @@ def load_mjcf(
     )  # fmt: skip
 
 
-def _tree(m: Any, pose: pin.SE3) -> Tree:
-    """Return the mechanism of an MjModel whose frame stands at a pose."""
+def _tree(m: Any, pose: pin.SE3, row: int | None) -> Tree:
+    """Return the mechanism of an MjModel whose frame stands at a pose, with mocap bodies as a keyframe has them."""
     tree = Tree(pin.Model(), [0], [pose], ["world"])
     model = tree.model
     joints = _joint_names(m)
     for body in range(1, m.nbody):
         tree.names.append(m.body(body).name or f"body{body}")
         parent, place = tree.joint[m.body_parentid[body]], tree.place[m.body_parentid[body]]
-        place = place * placement(m.body_pos[body], m.body_quat[body])
+        moved = int(m.body_mocapid[body])
+        if row is not None and moved >= 0:
+            here = m.key_mpos[row].reshape(-1, 3)[moved], m.key_mquat[row].reshape(-1, 4)[moved]
+        else:
+            here = m.body_pos[body], m.body_quat[body]
+        place = place * placement(*here)
         for j in range(m.body_jntadr[body], m.body_jntadr[body] + m.body_jntnum[body]):
             parent, place = _add_joint(m, j, joints[j], model, parent, place)
         tree.joint.append(parent)
@@ -265,13 +271,17 @@ def _configuration(m: Any, tree: Tree, pose: pin.SE3, qpos: Array) -> Array:
     return q
 
 
-def _keyframe(m: Any, tree: Tree, pose: pin.SE3, name: str) -> tuple[Array, Array, Array]:
-    """Return q, v and the inputs of a keyframe, shapes (nq,), (nv,) and (nu,)."""
+def _keyframe_number(m: Any, name: str) -> int:
+    """Return the number of a keyframe."""
     names = [m.key(k).name for k in range(m.nkey)]
     if name not in names:
         raise InputError(f"the file has no keyframe {shown(name)}; it has {', '.join(filter(None, names)) or 'none'}")
-    row, v = names.index(name), np.zeros(tree.model.nv)
-    q = _configuration(m, tree, pose, m.key_qpos[row])
+    return names.index(name)
+
+
+def _keyframe(m: Any, tree: Tree, pose: pin.SE3, row: int) -> tuple[Array, Array, Array]:
+    """Return q, v and the inputs of a keyframe, shapes (nq,), (nv,) and (nu,)."""
+    q, v = _configuration(m, tree, pose, m.key_qpos[row]), np.zeros(tree.model.nv)
     for j in range(m.njnt):
         here, at, width = tree.model.idx_vs[j + 1], int(m.jnt_dofadr[j]), tree.model.nvs[j + 1]
         v[here : here + width] = m.key_qvel[row, at : at + width]
