@@ -257,6 +257,16 @@ def test_what_is_not_modelled_is_named_in_one_warning_and_in_the_report(tmp_path
         assert words in report and words not in str(warning.message)
 
 
+def test_softness_of_everything_that_is_rigid_is_in_the_report(tmp_path):
+    text = """<mujoco><worldbody><geom name="floor" type="plane" size="1 1 1" solref=".1 1"/>
+      <body pos="0 0 1"><joint range="-1 1" solreflimit=".1 1"/><geom name="ball" size=".1" pos="0 .3 0"/></body>
+      <body name="free" pos="0 0 3"><freejoint/><geom size=".1"/></body></worldbody>
+      <contact><pair geom1="floor" geom2="ball" solref=".1 1"/></contact>
+      <equality><weld body1="free" solimp=".5 .6 .1"/></equality></mujoco>"""
+    scene, _, _ = scene_of(text, tmp_path)
+    assert "softness (solref, solimp) of 1 geoms and 1 joints and 1 pairs and 1 equalities" in scene.build().report()
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [

@@ -187,3 +187,12 @@ def test_a_planar_joint_moves_across_its_axis(tmp_path, axis):
     run.save(tmp_path / "run.h5")
     again = mbvi.simulate(mbvi.load(tmp_path / "run.h5").problem, step=1e-3, duration=0.1)
     assert (again.q == run.q).all() and np.array_equal(again.problem.constraints.gap(0.0, problem.q0), gaps)
+
+
+def test_safety_controllers_are_in_the_report(tmp_path):
+    file = tmp_path / "table.urdf"
+    guard = "<safety_controller soft_lower_limit='-.5' soft_upper_limit='.5' k_velocity='1'/></joint></robot>"
+    file.write_text(PLANAR.format(axis="").replace("</joint></robot>", guard))
+    scene = mbvi.Scene()
+    scene.add_urdf(file, base="fixed")
+    assert "safety controllers of elbow: the limits of joints alone hold" in scene.build().report()

@@ -62,9 +62,7 @@ def left_out(m: Any, text: str, bodies: Sequence[str], rolling: bool) -> tuple[l
                 ignored.append(f"{count} {words}{named}")
     softened = _softened(m)
     if softened:
-        omitted.append(
-            Omission(f"softness (solref, solimp) of {softened}", "contacts and limits are rigid; e is given")
-        )
+        omitted.append(Omission(f"softness (solref, solimp) of {softened}", "they are rigid here; e is given"))
     found = (*_of_joints(m), *_of_bodies(m, bodies), *_of_geoms(m, bodies, rolling), *_of_options(m))
     unknown = ((what, "mbvi does not know it") for what in unknown_parts(text))
     for what, why in (*found, *unknown):
@@ -137,15 +135,17 @@ def _of_geoms(m: Any, bodies: Sequence[str], rolling: bool) -> Iterator[tuple[st
 
 
 def _softened(m: Any) -> str:
-    """Return how many geoms and joints have other parameters of MuJoCo's soft constraints than its defaults, if any."""
+    """Return how much in a file has other parameters of MuJoCo's soft constraints than its defaults, if anything."""
     found = []
-    for kind, count in (("geom", m.ngeom), ("jnt", m.njnt)):
+    for kind, words, count in (
+        ("geom", "geoms", m.ngeom), ("jnt", "joints", m.njnt), ("pair", "pairs", m.npair), ("eq", "equalities", m.neq)
+    ):  # fmt: skip
         other = np.zeros(count, bool)
         for name, default in (("solref", _SOLREF), ("solimp", _SOLIMP)):
             values = np.asarray(getattr(m, f"{kind}_{name}")).reshape(count, len(default))
             other |= (values != default).any(axis=1)
         if other.any():
-            found.append(f"{np.count_nonzero(other)} {'geoms' if kind == 'geom' else 'joints'}")
+            found.append(f"{np.count_nonzero(other)} {words}")
     return " and ".join(found)
 
 

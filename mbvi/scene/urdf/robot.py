@@ -15,7 +15,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from ...arguments import LARGEST, watched
+from ...arguments import LARGEST, listed, watched
 from ...errors import InputError, UrdfError
 from ...geometry.shapes.shapes import Array, Box, Capsule, Convex, Cylinder, Ellipsoid, Hull, PlacedShape, Sphere
 from ..meshes.visual import LARGEST_LENGTH
@@ -33,6 +33,9 @@ from .checks import (
 from .mimic import Mimic, mimics_of
 from .planar_joints import turn_planar_joints
 from .self_pairs import disabled_pairs, pairs_left_out
+
+# most names in one entry of what is left out
+_MOST_NAMED = 8
 
 
 @dataclass(frozen=True)
@@ -292,8 +295,13 @@ def _reference(model: pin.Model) -> tuple[Array, list[Omission]]:
 
 
 def _unmodelled(root: ElementTree.Element) -> list[Omission]:
-    """Return the omitted parts of the URDF: effort and velocity limits."""
+    """Return the omitted parts of the URDF: effort and velocity limits, and safety controllers."""
     found = []
+    guarded = [j.get("name", "") for j in root.findall("joint") if j.find("safety_controller") is not None]
+    if guarded:
+        found.append(
+            Omission(f"safety controllers of {listed(guarded, _MOST_NAMED)}", "the limits of joints alone hold")
+        )
     if root.find("joint/limit") is not None:
         found.append(Omission("effort and velocity limits", "they bound motors; clip in your control"))
     return found
