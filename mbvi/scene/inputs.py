@@ -13,6 +13,7 @@ from ..arguments import all_positive, array, not_found, positive
 from ..errors import InputError
 from ..geometry.motion import Motion
 from ..geometry.shapes.orientation import RotationLike
+from .meshes.collada import metres_per_unit
 
 Array = np.ndarray
 
@@ -64,7 +65,7 @@ def scaled(points: Array, scale: float) -> Array:
 
 
 def mesh_of(path: Path) -> tuple[Array, Array]:
-    """Return vertices, shape (v, 3), and triangles, shape (t, 3), of a mesh file."""
+    """Return vertices, shape (v, 3), and triangles, shape (t, 3), of a mesh file; of a DAE file in metres."""
     import coal
 
     if not os.path.isfile(path):
@@ -73,7 +74,8 @@ def mesh_of(path: Path) -> tuple[Array, Array]:
         mesh = coal.MeshLoader().load(str(path), np.ones(3))
         triangles = map(mesh.tri_indices, range(mesh.num_tris))
         corners = np.array([[t[0], t[1], t[2]] for t in triangles])
-        return array(np.array(mesh.vertices()), f"the vertices of {path}", ("v", 3)), corners
+        points = array(np.array(mesh.vertices()), f"the vertices of {path}", ("v", 3))
+        return metres_per_unit(path) * points, corners
     except (ValueError, RuntimeError) as error:
         raise InputError(f"{path} cannot be read as a mesh: {(str(error).strip() or '?').splitlines()[0]}") from error
 

@@ -47,9 +47,10 @@ class Meshes(Walls):
         outside of the mesh, relative to its size (0.05).
 
         `position` and `rotation` are those of the file's frame; q holds the centre of mass. `scale` multiplies the
-        file's coordinates [m per unit]. A hull that is a ball, box, capsule or cylinder within `tolerance` [m] touches
-        as that, or else as a hull of some of its vertices, if nine tenths of them suffice. By default only the
-        first, within 1e-9 of its size. Mass and inertia stay those of the hull, or of the parts.
+        file's coordinates [m per unit], of a DAE file after the unit that it names. A hull that is a ball, box, capsule
+        or cylinder within `tolerance` [m] touches as that, or else as a hull of some of its vertices, if nine tenths of
+        them suffice. By default only the first, within 1e-9 of its size. Mass and inertia stay those of the hull, or of
+        the parts.
         """
         file, cut = file_path(path), _concavity(decompose)
         if not boolean(convex, "convex"):

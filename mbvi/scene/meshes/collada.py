@@ -27,6 +27,20 @@ def collada_mesh(path: Path) -> tuple[Array, Array, Array | None] | None:
         return None
 
 
+def metres_per_unit(path: Path) -> float:
+    """Return the length of the unit of a COLLADA file [m], which Coal's loader leaves out; 1 of other files."""
+    if path.suffix.lower() != ".dae":
+        return 1.0
+    try:
+        # the first is that of the whole file
+        asset = next(element for _, element in ElementTree.iterparse(path) if element.tag.rpartition("}")[2] == "asset")
+        unit = asset.find("{*}unit")
+        metres = 1.0 if unit is None else float(unit.get("meter", "1"))
+    except (ElementTree.ParseError, StopIteration, ValueError, OSError):
+        return 1.0
+    return metres if 0.0 < metres < np.inf else 1.0
+
+
 class _File:
     """A parsed file."""
 

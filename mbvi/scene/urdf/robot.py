@@ -18,6 +18,7 @@ import pinocchio as pin
 from ...arguments import LARGEST, listed, watched
 from ...errors import InputError, UrdfError
 from ...geometry.shapes.shapes import Array, Box, Capsule, Convex, Cylinder, Ellipsoid, Hull, PlacedShape, Sphere
+from ..meshes.collada import metres_per_unit
 from ..meshes.visual import LARGEST_LENGTH
 from ..reductions import Omission
 from .checks import (
@@ -214,7 +215,7 @@ def _shapes(
         # the only shape of a link has the name of the link
         label = f"{name}/{link if links.count(link) == 1 else item.name}"
         try:
-            shape = convex(item.geometry)
+            shape = convex(item.geometry, metres_per_unit(Path(item.meshPath)))
         except InputError as error:
             omitted.append(Omission(f"shape {label}", str(error)))
             continue
@@ -229,8 +230,8 @@ def _shapes(
     return shapes, omitted
 
 
-def convex(geometry: coal.CollisionGeometry) -> Convex:
-    """Return a Coal geometry as one of the convex shapes; a mesh as its hull.
+def convex(geometry: coal.CollisionGeometry, unit: float = 1.0) -> Convex:
+    """Return a Coal geometry as one of the convex shapes; a mesh as its hull, whose unit is given [m].
 
     Raises
     ------
@@ -248,9 +249,9 @@ def convex(geometry: coal.CollisionGeometry) -> Convex:
     if isinstance(geometry, coal.Ellipsoid):
         return Ellipsoid(tuple(float(x) for x in geometry.radii))  # type: ignore[arg-type]
     if isinstance(geometry, coal.BVHModelBase):
-        return Hull(geometry.vertices())
+        return Hull(unit * geometry.vertices())
     if isinstance(geometry, coal.ConvexBase):
-        return Hull(np.array(geometry.points()))
+        return Hull(unit * np.array(geometry.points()))
     raise InputError(f"a shape of kind {type(geometry).__name__} is not taken")
 
 

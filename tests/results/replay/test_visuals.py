@@ -489,3 +489,35 @@ def test_a_surface_of_several_meshes_has_all_their_triangles(tmp_path, seed):
     scene.add_surface(path)
     surface = scene._items.surfaces[0].surface
     assert area(surface.vertices[surface.triangles]) == pytest.approx(area(wanted), rel=1e-6)
+
+
+ONE_LINK = """<robot name="part"><link name="part"><inertial><mass value="1"/>
+  <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
+  <collision><geometry><mesh filename="part.dae" scale="1 2 .5"/></geometry></collision></link></robot>"""
+# a tetrahedron whose node is shifted by (5, 0, 0)
+TETRAHEDRON = """<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
+<asset>{unit}<up_axis>Y_UP</up_axis></asset><library_geometries><geometry id="g"><mesh>
+<source id="p"><float_array id="a" count="12">0 0 0 1 0 0 0 2 0 0 0 3</float_array><technique_common>
+<accessor source="#a" count="4" stride="3"><param name="X" type="float"/><param name="Y" type="float"/>
+<param name="Z" type="float"/></accessor></technique_common></source>
+<vertices id="v"><input semantic="POSITION" source="#p"/></vertices>
+<triangles count="4"><input semantic="VERTEX" source="#v" offset="0"/><p>0 2 1 0 1 3 0 3 2 1 2 3</p></triangles>
+</mesh></geometry></library_geometries><library_visual_scenes><visual_scene id="s"><node><translate>5 0 0</translate>
+<instance_geometry url="#g"/></node></visual_scene></library_visual_scenes>
+<scene><instance_visual_scene url="#s"/></scene></COLLADA>"""
+
+
+@pytest.mark.parametrize(("unit", "metres"), [("", 1.0), ('<unit meter="0.01" name="cm"/>', 0.01)])
+def test_hulls_have_the_unit_of_a_collada_file(tmp_path, unit, metres):
+    """As what is shown has, and meshes as they are."""
+    (tmp_path / "part.dae").write_text(TETRAHEDRON.format(unit=unit))
+    (tmp_path / "part.urdf").write_text(ONE_LINK)
+    scene = mbvi.Scene()
+    scene.add_mesh(tmp_path / "part.dae", name="mesh")
+    scene.add_mesh(tmp_path / "part.dae", name="rock", convex=False)
+    scene.add_urdf(tmp_path / "part.urdf", name="robot")
+    items = scene._items
+    hulls = items.bodies[0].shape, items.surfaces[0].surface, items.robots[0].robot.shapes[0].shape
+    for points, scale in zip((one.vertices for one in hulls), (1.0, 1.0, np.array([1, 2, 0.5])), strict=True):
+        np.testing.assert_allclose(np.min(points, axis=0), metres * scale * np.array([5, 0, 0]), atol=1e-7)
+        np.testing.assert_allclose(np.max(points, axis=0), metres * scale * np.array([6, 2, 3]), rtol=1e-6)
