@@ -26,7 +26,7 @@ from ...geometry.shapes.shapes import (
 from ..items import SurfaceItem
 from ..meshes.visual import LARGEST_LENGTH
 from ..reductions import Omission
-from ..urdf.self_pairs import Overlaps, poses_of
+from ..urdf.self_pairs import Overlaps, poses_of, shape_labels
 from .file import disabled, placement
 
 _PLANE, _HEIGHTS, _SPHERE, _CAPSULE, _ELLIPSOID, _CYLINDER, _BOX, _MESH = range(8)
@@ -145,7 +145,8 @@ class Geoms:
         m = self._m
         first, count = int(m.body_geomadr[body]), int(m.body_geomnum[body])
         beside = [k for k in range(first, first + count) if k not in seen]
-        label = prefix + (self._names[body] if len(beside) == 1 else f"{self._names[body]}_{beside.index(g)}")
+        own = shape_labels([self._names[body]] * len(beside), self._names)
+        label = prefix + own[beside.index(g)]
         if not prefix:
             label = made_label(m.geom(g).name or (label if body else _KINDS[m.geom_type[g]]))
         default, number = label, 1

@@ -33,7 +33,7 @@ from .checks import (
 )
 from .mimic import Mimic, mimics_of
 from .planar_joints import turn_planar_joints
-from .self_pairs import disabled_pairs, pairs_left_out
+from .self_pairs import disabled_pairs, pairs_left_out, shape_labels
 
 # most names in one entry of what is left out
 _MOST_NAMED = 8
@@ -120,13 +120,15 @@ def load_robot(
     check_shapes(root, geometry, file)
     if base == "fixed":
         _move_base(geometry.geometryObjects, rotation, position)
-    shapes, omitted = _shapes(geometry, name, _colors(root))
+    links = [link.get("name", "") for link in root.findall("link")]
+    shapes, omitted = _shapes(geometry, name, links, _colors(root))
     check_inertias(model, file)
     reference, moved = _reference(model)
     mimics, unfollowed = mimics_of(model, root)
     omitted += _unmodelled(root) + unfollowed
     omitted += moved
-    apart, dropped = pairs_left_out(model, shapes, reference, disabled_pairs(srdf, name))
+    labels = {f"{name}/{link}" for link in links}
+    apart, dropped = pairs_left_out(model, shapes, reference, disabled_pairs(srdf, name), labels)
     omitted += dropped
     where = str(file.resolve())
     return Robot(name, text, model, tuple(shapes), frozenset(apart), tuple(omitted), reference, where, mimics)
@@ -205,15 +207,16 @@ def _move_base(objects: Sequence[pin.GeometryObject], rotation: Array, position:
 
 
 def _shapes(
-    geometry: pin.GeometryModel, name: str, colors: dict[str, tuple[float, float, float, float]]
+    geometry: pin.GeometryModel, name: str, names: Sequence[str], colors: dict[str, tuple[float, float, float, float]]
 ) -> tuple[list[PlacedShape], list[Omission]]:
+    """Return the shapes of a robot whose links have the given names, and what was left out or replaced."""
     items = list(geometry.geometryObjects)
     links = [item.name.rsplit("_", 1)[0] for item in items]
     shapes: list[PlacedShape] = []
     omitted: list[Omission] = []
-    for item, link in watched([*zip(items, links, strict=True)], f"shapes of {name}"):
-        # the only shape of a link has the name of the link
-        label = f"{name}/{link if links.count(link) == 1 else item.name}"
+    labelled = [*zip(items, links, shape_labels(links, names), strict=True)]
+    for item, link, own in watched(labelled, f"shapes of {name}"):
+        label = f"{name}/{own}"
         try:
             shape = convex(item.geometry, metres_per_unit(Path(item.meshPath)))
         except InputError as error:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Collection, Iterator, Sequence
+from itertools import count
 from math import dist, frexp
 from pathlib import Path
 from typing import Any
@@ -18,10 +21,27 @@ from .checks import read_xml
 _TOUCHING = 1e-5
 
 
+def shape_labels(links: Sequence[str], names: Collection[str]) -> list[str]:
+    """Return a label for each shape, given its link and the names of all links.
+
+    The only shape of a link has the name of the link; those of others are numbered, without the numbers that would give
+    them the name of another link.
+    """
+    total, numbered = Counter(links), {link: _numbered(link, names) for link in links}
+    return [link if total[link] == 1 else next(numbered[link]) for link in links]
+
+
+def _numbered(link: str, names: Collection[str]) -> Iterator[str]:
+    yield from (label for k in count() if (label := f"{link}_{k}") not in names)
+
+
 def pairs_left_out(
-    model: pin.Model, shapes: list[PlacedShape], reference: Array, disabled: set[frozenset[str]]
+    model: pin.Model, shapes: list[PlacedShape], reference: Array, disabled: set[frozenset[str]], links: Collection[str]
 ) -> tuple[set[tuple[str, str]], list[Omission]]:
-    """Return the pairs of a robot's own shapes that are left out, and the reasons in words."""
+    """Return the pairs of a robot's own shapes that are left out, and the reasons in words.
+
+    `links` are the names of all links, "robot/link"; `disabled` has pairs of them, or of shapes.
+    """
     neutral = pin.neutral(model)
     # most robots have all zeros within their limits
     starts = [neutral] if np.array_equal(neutral, reference) else [neutral, reference]
@@ -36,7 +56,7 @@ def pairs_left_out(
             elif a.body in (model.parents[b.body],) or b.body in (model.parents[a.body],):
                 apart.add(pair)
                 adjacent.append(pair)
-            elif {frozenset(pair), frozenset(map(_link_of, pair))} & disabled:
+            elif {frozenset(pair), frozenset(_link_of(label, links) for label in pair)} & disabled:
                 apart.add(pair)
                 srdf.append(pair)
             elif overlaps(i, j):
@@ -60,10 +80,9 @@ def disabled_pairs(file: Path | None, name: str) -> set[frozenset[str]]:
     }
 
 
-def _link_of(label: str) -> str:
+def _link_of(label: str, links: Collection[str]) -> str:
     """Return a shape's link: a link of several shapes has them numbered."""
-    head, _, tail = label.rpartition("_")
-    return head if tail.isdigit() else label
+    return label if label in links else label.rpartition("_")[0]
 
 
 def poses_of(model: pin.Model, shapes: list[PlacedShape], q: Array) -> list[tuple[Array, Array]]:

@@ -17,6 +17,7 @@ from ...geometry.shapes.shapes import Box, Capsule, Cylinder, PlacedShape, Spher
 from ..meshes.visual import Mesh, visual_mesh
 from ..plane import axes_of, on_planar_base
 from .checks import mesh_folders, mesh_path
+from .self_pairs import shape_labels
 from .still_joints import counts_joints, without_still_joints
 
 if TYPE_CHECKING:
@@ -77,10 +78,13 @@ def _of_robot(item: RobotItem, meshes: dict[Any, Mesh]) -> Iterator[PlacedShape]
     file = Path(robot.file)
     folders = mesh_folders(file)
     base = pin.SE3(item.rotation, item.position)
-    for link in watched(root.findall("link"), f"meshes of {robot.name}"):
-        visuals = link.findall("visual")
-        for k, visual in enumerate(visuals):
-            label = f"{robot.name}/{link.get('name')}" + (f"_{k}" if len(visuals) > 1 else "")
+    links = root.findall("link")
+    names = [link.get("name", "") for link in links]
+    owners = [name for name, link in zip(names, links, strict=True) for _ in link.findall("visual")]
+    labels = iter(shape_labels(owners, names))
+    for link in watched(links, f"meshes of {robot.name}"):
+        for visual in link.findall("visual"):
+            label = f"{robot.name}/{next(labels)}"
             frame = model.frames[model.getFrameId(link.get("name", ""), pin.FrameType.BODY)]
             pose = frame.placement * _origin(visual)
             if item.base == "fixed" and frame.parentJoint == 0:
