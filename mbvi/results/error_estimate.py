@@ -107,18 +107,27 @@ def _estimated(run: RunData) -> ErrorEstimate:
 
 
 def _common(run: RunData) -> tuple[int, Array]:
-    """Return how many steps lie between recorded states, and the numbers of the states that are compared.
+    """Return how many steps lie between recorded states, and the numbers of the states that are compared."""
+    every, done = recorded_every(run), _steps_done(run)
+    return every, np.append(np.flatnonzero(done % (_COMMON * every) == 0), len(done))
+
+
+def recorded_every(run: RunData) -> int:
+    """Return how many fixed steps lie between recorded states.
 
     Where connections were switched, states between those are recorded too.
     """
-    steps = (run.t - run.t[0]) / run.step
-    done, total = np.rint(steps[:-1]).astype(np.int64), float(steps[-1])
-    every = max(1, round(total))
-    for one in done[1:].tolist():
-        if np.isin(np.arange(one, total - _SAME, one), done).all():
-            every = one
-            break
-    return every, np.append(np.flatnonzero(done % (_COMMON * every) == 0), len(done))
+    done, total = _steps_done(run), float((run.t[-1] - run.t[0]) / run.step)
+    for every in np.unique(done[done > 0]).tolist():
+        if np.isin(np.arange(every, total - _SAME, every), done).all():
+            return int(every)
+    return max(1, round(total))
+
+
+def _steps_done(run: RunData) -> Array:
+    """Return the number of fixed steps before each state but the last, shape (n,)."""
+    done: Array = np.rint((run.t[:-1] - run.t[0]) / run.step).astype(np.int64)
+    return done
 
 
 def repeatable(run: Run, again: Callable[..., RunData], settings: Settings | None = None) -> Run:

@@ -52,16 +52,72 @@ def strongest(run):
     return sorted(run.impacts, key=lambda i: -i.percussion.max())[:30]
 
 
-def test_the_run_can_be_made_again_from_the_page(run, page, tmp_path, monkeypatch):
+def made_again(page, tmp_path, monkeypatch):
+    """Return the run that the lines of a page make, and these lines."""
     text = outside_the_replay(page)
     data = re.search(r'download="start.h5" href="data:application/x-hdf5;base64,([^"]*)"', text)[1]
     monkeypatch.chdir(tmp_path)
     (tmp_path / "start.h5").write_bytes(base64.b64decode(data))
     code = next(block for block in re.findall(r"<pre>(.*?)</pre>", text, re.S) if "import mbvi" in block)
     names = {}
-    exec(code.replace("&quot;", '"'), names)
-    np.testing.assert_array_equal(names["run"].q, run.q)
-    np.testing.assert_array_equal(names["run"].v, run.v)
+    code = code.replace("&quot;", '"').replace("&#x27;", "'")
+    exec(code, names)
+    return names["run"], code
+
+
+def test_the_run_can_be_made_again_from_the_page(run, page, tmp_path, monkeypatch):
+    again, _ = made_again(page, tmp_path, monkeypatch)
+    np.testing.assert_array_equal(again.q, run.q)
+    np.testing.assert_array_equal(again.v, run.v)
+
+
+MOTOR = """<mujoco model="arm"><worldbody><body><joint name="j" axis="0 1 0"/>
+  <geom size=".1" pos=".3 0 0"/></body></worldbody>
+  <actuator><motor name="push" joint="j"/></actuator></mujoco>"""
+
+
+@pytest.mark.parametrize(
+    ("scheme", "t0", "options"),
+    [
+        (None, 0.0, {"step": 1 / 240, "duration": 0.123456789}),
+        (mbvi.Paoli(), 2.7, {"step": 1e-3, "duration": 0.3, "every": 7, "record": "contacts"}),
+        (None, 0.0, {"step": 2e-3, "duration": 0.1, "solver": mbvi.ProxQP()}),
+        (mbvi.StewartTrinkle(), 0.0, {"step": 2e-3, "duration": 0.2, "depth": 0.05}),
+        (mbvi.EventDriven(1e-9), 1 / 3, {"duration": 0.2}),
+    ],
+    ids=["step", "every", "solver", "depth", "event-driven"],
+)
+def test_the_page_has_all_that_made_the_run(scheme, t0, options, tmp_path, monkeypatch):
+    scene = mbvi.Scene(restitution=0.5)
+    scene.add_halfspace((0, 0, 1), name="floor")
+    for k in range(3):
+        scene.add_sphere(0.1, position=(0.02 * k, 0.01 * k, 0.15 + 0.21 * k))
+    problem = scene.build()
+    run = mbvi.simulate(problem.at(problem.q0, problem.v0, t0), scheme, **options)
+    run.report(tmp_path / "report.html")
+    again, _ = made_again(tmp_path / "report.html", tmp_path, monkeypatch)
+    for name in ("t", "q", "v", "residual"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(run, name))
+    assert (again.record.contacts is None) == (run.record.contacts is None)
+
+
+def test_the_page_asks_for_functions_alone(tmp_path, monkeypatch):
+    pytest.importorskip("mujoco")
+    (tmp_path / "arm.xml").write_text(MOTOR)
+    scene = mbvi.Scene()
+    scene.add_mjcf(tmp_path / "arm.xml", ctrl={"push": 0.3})
+    run = mbvi.simulate(scene.build(), step=1e-3, duration=0.1)
+    run.report(tmp_path / "report.html")
+    again, _ = made_again(tmp_path / "report.html", tmp_path, monkeypatch)
+    np.testing.assert_array_equal(again.q, run.q)
+    scene = mbvi.Scene()
+    scene.add_urdf("robot:hopper", position=(0, 0, 1), name="hopper", control=lambda t, q, v: np.zeros(8))
+    scene.add_force("hopper/foot", lambda t, q, v: np.zeros(6))
+    mbvi.simulate(scene.build(), step=1e-3, duration=0.01).report(tmp_path / "report.html")
+    with pytest.raises(mbvi.InputError, match="must be a function"):
+        made_again(tmp_path / "report.html", tmp_path, monkeypatch)
+    text = outside_the_replay(tmp_path / "report.html").replace("&#x27;", "'")
+    assert "control={'hopper': ...}, force={'hopper/foot': ...}" in text
 
 
 def test_the_page_asks_for_nothing_from_elsewhere(page):

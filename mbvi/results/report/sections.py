@@ -5,12 +5,15 @@ from __future__ import annotations
 import base64
 import html
 import tempfile
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...scene.saved.given_again import functions_to_give
+from ..error_estimate import recorded_every
 from ..files.hdf5 import save
 from ..files.versions import versions
 from ..run_data import arriving
@@ -84,22 +87,46 @@ def model_section(run: RunData) -> str:
 
 def rerun_section(run: RunData) -> str:
     """Return how to run it again, with a file of its start where the problem can be kept."""
-    step = f", step={run.step:g}" if run.step else ""
     scheme = f"mbvi.{run.record.scheme!r}" if run.record.scheme is not None else f"mbvi.{run.scheme}()"
-    switch = ", switch=..." if run.record.switches else ""
-    simulated = f"run = mbvi.simulate(problem, {scheme}{step}, duration={float(run.t[-1] - run.t[0]):g}{switch})"
+    simulated = f"run = mbvi.simulate(problem, {', '.join((scheme, *_options(run)))})"
     problem = run.problem
     if problem is None or problem.scene is None:
         code = f"import mbvi\n\nproblem = ...  # as in the program that made this run\n{simulated}"
         return f"<h2>Run it again</h2><pre>{html.escape(code)}</pre>"
-    lost = bool(problem.system.controlled or problem.system.loaded or problem.not_kept)
-    given = ', control={"robot": ...}, force={"body": ...}' if lost else ""
-    code = f'import mbvi\n\nproblem = mbvi.load("start.h5"{given}).problem\n{simulated}'
+    functions = functions_to_give(problem.scene.items)
+    lost = bool(functions or problem.not_kept)
+    loaded = ", ".join(('"start.h5"', *functions))
+    code = f"import mbvi\n\nproblem = mbvi.load({loaded}).problem\n{simulated}"
     said = "This page holds the scene and the initial state as a file: "
     what = " Functions, such as controls, are not in it and are given again." if lost else ""
     data = base64.b64encode(_start(run)).decode()
     link = f'<a download="start.h5" href="data:application/x-hdf5;base64,{data}">start.h5</a>.'
     return f"<h2>Run it again</h2><p>{said}{link}{what}</p><pre>{html.escape(code)}</pre>"
+
+
+def _options(run: RunData) -> Iterator[str]:
+    """Yield the options of `simulate` that made a run."""
+    if run.step:
+        yield f"step={float(run.step)!r}"
+    yield f"duration={_duration(run)!r}"
+    every = recorded_every(run) if run.step and len(run.t) > 1 else 1
+    if every > 1:
+        yield f"every={every}"
+    given = getattr(run.record.again, "keywords", {})
+    yield from (f"{name}={given[name]!r}" for name in ("residual", "depth") if given.get(name) is not None)
+    if given.get("solver") is not None:
+        yield f"solver=mbvi.{given['solver']!r}"
+    if run.record.contacts is not None:
+        yield 'record="contacts"'
+    if run.record.switches:
+        yield "switch=..."
+
+
+def _duration(run: RunData) -> float:
+    """Return the duration with the fewest digits that ends the run when it ended [s]."""
+    first, last = float(run.t[0]), float(run.t[-1])
+    short = (float(f"{last - first:.{digits}g}") for digits in range(1, 17))
+    return next((found for found in short if first + found == last), last - first)
 
 
 def _start(run: RunData) -> bytes:

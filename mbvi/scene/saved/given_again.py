@@ -11,7 +11,8 @@ import numpy as np
 
 from ...arguments import Array, function, shown
 from ...errors import InputError
-from ..items import Force, SceneControl
+from ...system.actuators import Actuators
+from ..items import Force, SceneControl, SceneItems
 from ..state import State
 
 Control = Callable[[float, Array, Array], Array]
@@ -83,6 +84,18 @@ class GivenAgain:
     robots: dict[str, Control] = field(default_factory=dict)
     scene: list[SceneControl] = field(default_factory=list)
     forces: dict[str, list[Force]] = field(default_factory=dict)
+
+
+def functions_to_give(items: SceneItems) -> list[str]:
+    """Return the arguments of `load` for the functions of a scene, "..." in the place of each."""
+    named = [one.robot.name for one in items.robots if one.control and not isinstance(one.control, Actuators)]
+    named += [one.name for one in items.connections if one.control is not None]
+    controls = ["{" + ", ".join(f"{name!r}: ..." for name in named) + "}"] if named else []
+    controls += ["..."] * len(items.controls)
+    each = [force.body for force in items.forces]
+    forces = [f"{name!r}: " + ("..." if each.count(name) == 1 else "[...]") for name in dict.fromkeys(each)]
+    found = [f"control={controls[0] if len(controls) == 1 else '[' + ', '.join(controls) + ']'}"] if controls else []
+    return [*found, "force={" + ", ".join(forces) + "}"] if forces else found
 
 
 def given_again(
