@@ -64,7 +64,8 @@ def carried_along(constraints: AdmissibleSet, rows: Rows, before: Place, after: 
 def with_mean_rates(constraints: AdmissibleSet, rows: Rows, t: float, q: Array, h: float) -> Rows:
     """Return rows of walls that move with the mean velocities of the walls in a step, to second order.
 
-    Constraints that have no bodies keep the rates that they have at its begin.
+    Constraints that have no bodies keep the rates that they have at its begin. Along a normal a wall that turns has the
+    least rate of those of a contact that it carries, and of one that stays where it is.
 
     Parameters
     ----------
@@ -84,7 +85,12 @@ def with_mean_rates(constraints: AdmissibleSet, rows: Rows, t: float, q: Array, 
         if family.frame is not None:
             some = order[part]
             velocity, spin = family.frame.motion_after(0.5 * h, rows.point[some], t, q)
-            rate[some] = -np.vecdot(rows.normal[some], velocity)
+            # the points of a roller move away below the contact, and others take their place: it has no motion along
+            # its normals. Whether the contact moves with the wall is not known here: a rate that is too low leaves a
+            # gap, with one too high a body would fall all the time and never arrive
+            rate[some] = np.minimum(
+                -np.vecdot(rows.normal[some], velocity), family.frame.rate(rows.point[some], rows.normal[some])
+            )
             # tangents of rows without friction are zero
             if tangents is not None and tangents.friction[some].any():
                 _set_rates(tangents, rows.normal, some, velocity, spin)

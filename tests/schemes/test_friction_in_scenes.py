@@ -265,6 +265,26 @@ def test_a_ball_that_rolls_without_weight_rolls_on(seed):
     np.testing.assert_allclose(run.v[-1], run.v[10], rtol=1e-12, atol=1e-12)
 
 
+@each_scheme
+@pytest.mark.parametrize("restitution", [0.0, 0.5])
+def test_a_plank_on_rollers_that_turn_against_each_other_swings(scheme, restitution):
+    """Timoshenko's experiment: the loads of the rollers differ by what the plank is off, and so does their friction."""
+    mu, apart, radius, half, start = 0.25, 0.5, 0.1, 0.025, 0.1
+    scene = mbvi.Scene(friction=mu, restitution=restitution)
+    for x in (-apart, apart):
+        turning = motion.Rotation((0, 1, 0), -np.sign(x) * 60.0, (x, 0, -radius))
+        for y in (-0.1, 0.1):
+            scene.add_sphere(radius, position=(x, y, -radius), fixed=True, motion=turning)
+    scene.add_box((2.0, 0.3, 2 * half), 2.0, position=(start, 0, half), name="plank")
+    run = mbvi.simulate(scene.build(), scheme, step=1e-3, duration=0.5, record="contacts")
+    frequency = np.sqrt(mu * G / (apart - mu * half))
+    np.testing.assert_allclose(run.q[:, 0], start * np.cos(frequency * run.t), atol=2e-4)
+    np.testing.assert_allclose(run.v[1:, 0], -start * frequency * np.sin(frequency * run.t[1:]), atol=1e-6)
+    # rollers move along themselves: the plank neither sinks nor rises, and they carry it from the first step on
+    assert np.abs(run.v[:, 2]).max() < 1e-9 and np.abs(run.q[:, 2] - half).max() < 1e-9
+    np.testing.assert_allclose(run.contact_forces("plank")[1:, 2], 2.0 * G, rtol=1e-6)
+
+
 def test_the_law_at_the_start_takes_the_accuracy_of_the_run():
     """Many contacts that close at the start are solved as those of the steps, not to 1e-6."""
     scene = mbvi.Scene(friction=0.5)
