@@ -21,7 +21,7 @@ from ...system.system import Array, System
 from ..accuracy import projector_of
 from ..control_stability import failures_with_time
 from ..fixed_steps.retaken import SolvedSteps
-from ..start import admitted, closes_none, first_step
+from ..start import admitted, closes_none, first_step, kept_velocity
 from ..tunnelling import TunnellingGuard
 from .callbacks import python_callbacks
 from .compiled_loop import Patience, logged_step
@@ -169,6 +169,7 @@ class MechanismRun:
 
     def begin_with(self, q: Array, v: Array, active: Rows) -> None:
         """Go to an initial state of which the rows are known; what the constraints hold after their query is set."""
+        v = kept_velocity(self.problem, q, v)
         self.q[:], self.v[:], self._step.memory.size[:] = q, v, 0
         if not closes_none(active, v):
             self._state.leave()
