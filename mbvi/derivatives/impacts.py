@@ -88,6 +88,8 @@ class Saltation:
             by = "e = 0" if by_e else "parameters"
             self._linear.choose(None if impact.friction is None else impact.friction.after)
             self.check_forces(impact.t, impact.q, impact.after, impact.closed_after, rests, by)
+            if by_e and impact.friction is not None:
+                self._check_slip_after(impact, impact.friction)
         bears = impact.percussion > _BEARS * impact.percussion.max(initial=0.0)
         stays = was_closed & (bears | np.isin(rows, impact.closed_after))
         weak = was_closed & ~stays & (J @ impact.after < self.slowest(rows, J, v))
@@ -122,6 +124,17 @@ class Saltation:
         slow = (edge > 0.0) & ~friction.sticks & (size < self._slowest * self._length)
         if (loose | slow).any():
             self._refuse("it is about to stick or to slip in the impact", rows[loose | slow], impact.t)
+
+    def _check_slip_after(self, impact: LocatedImpact, friction: ImpactFriction) -> None:
+        """Refuse contacts that stick in an impact with e = 0 and slip on at once.
+
+        The impact of a small e sticks with more of the percussion that the contact force has while it slips at e = 0.
+        """
+        slips = friction.after.rows[~friction.after.sticks]
+        begins = friction.sticks & (impact.percussion > 0.0) & np.isin(impact.rows, slips)
+        if begins.any():
+            reason = "by e = 0 it has none where a contact sticks in the impact and slips after it"
+            self._refuse(reason, impact.rows[begins], impact.t)
 
     def _check_rows(self, impact: LocatedImpact, J: Array, before: Array, hit: Array, was_closed: Array) -> None:
         """Refuse grazing, and rows that bounce without end or come to rest in another way than by e = 0."""

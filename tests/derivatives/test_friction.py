@@ -243,3 +243,34 @@ def test_a_ball_lands_while_others_slide(others):
     left = T - fall
     by_friction = -G * fall * left - G * left**2 / 2
     assert found.matrix[6 * others, -1] == pytest.approx(by_friction, rel=1e-8)
+
+
+def on_a_steep_slope(slope, mu, e):
+    """A ball above a slope that meets it without slip."""
+    speed, radius = np.sqrt(2 * G * np.cos(slope) * 0.2), 0.1
+    scene = mbvi.Scene(gravity=(G * np.sin(slope), 0, -G * np.cos(slope)), friction=mu, restitution=e)
+    scene.add_halfspace((0, 0, 1), name="slope")
+    scene.add_sphere(radius, 1.0, (0, 0, radius + 0.2), name="ball")
+    problem = scene.build()
+    return problem.at(problem.q0, [0, 0, 0, 0, speed * np.tan(slope) / radius, 0]), speed
+
+
+def test_by_restitution_none_where_a_contact_sticks_in_the_impact_and_slips_after_it():
+    """A small e takes mu v off the friction of its first bounce, where the ball leaves the slope without slip."""
+    slope, mu = 0.8, 0.1
+    (problem, speed), e = on_a_steep_slope(slope, mu, 0.0), 1e-4
+    ends = [
+        mbvi.simulate(one, mbvi.EventDriven(1e-12), duration=0.5).v[-1]
+        for one in (problem, on_a_steep_slope(slope, mu, e)[0])
+    ]
+    exact = mu * speed * np.array([1, 0, 0, 0, -2.5 / 0.1, 0])
+    np.testing.assert_allclose((ends[1] - ends[0]) / e, exact, rtol=1e-3, atol=1e-3)
+    with pytest.raises(mbvi.SensitivityError, match="sticks in the impact and slips after it"):
+        differentiated(problem, 0.5, ["restitution"])
+    # the others exist: it slides down with the acceleration g (sin - mu cos) from the speed g sin t1
+    found = differentiated(problem, 0.5, ["friction"])
+    start = np.sqrt(2 * 0.2 / (G * np.cos(slope)))
+    np.testing.assert_allclose(found.matrix[6, 0], -G * np.cos(slope) * (0.5 - start), rtol=1e-7)
+    # on a gentle slope it rolls on, and nothing depends on e
+    problem, _ = on_a_steep_slope(0.2, mu, 0.0)
+    assert np.abs(differentiated(problem, 0.5, ["restitution"]).matrix).max() < 1e-9
