@@ -244,8 +244,12 @@ class Saltation:
             linear.choose(None if impact.friction is None else impact.friction.after)
             next_a = linear.flow.acceleration(t, q, after, closed)[:n]
             # where bounces of an e above 0 would end at once, they change nothing in the end to first order
-            ends = np.isin(group, impact.closed_after).any()
-            X = self.over(law, rows, group[:1], (t, q, v, a), (after, next_a), X, ends=bool(ends))
+            ends = bool(np.isin(group, impact.closed_after).any())
+            if ends and linear.friction is not None:
+                # but the friction of the impact itself has turned with its slip
+                by_bounces = linear.friction.by_bounces(t, q, v, after, closed, rows)
+                law, ends = law._replace(by_e=law.by_e - by_bounces), False
+            X = self.over(law, rows, group[:1], (t, q, v, a), (after, next_a), X, ends=ends)
             v, a = after, next_a
         return X
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import mbvi
 from support.derivatives import agrees, slopes
@@ -274,3 +275,31 @@ def test_by_restitution_none_where_a_contact_sticks_in_the_impact_and_slips_afte
     # on a gentle slope it rolls on, and nothing depends on e
     problem, _ = on_a_steep_slope(0.2, mu, 0.0)
     assert np.abs(differentiated(problem, 0.5, ["restitution"]).matrix).max() < 1e-9
+
+
+@pytest.mark.parametrize("seed", [0, 2, 4])
+def test_by_restitution_where_a_body_slides_on_after_its_impact(seed):
+    """Friction of the impact has the direction of the slip after it, which e turns: runs at small e say by how much."""
+    rng = np.random.default_rng([7, seed])
+    slope, spin, velocity = rng.uniform(0.2, 0.5), rng.normal(size=3), 0.7 * rng.normal(size=3)
+    turn = Rotation.from_rotvec(0.5 * rng.normal(size=3)).as_matrix()
+
+    def thrown_body(e):
+        scene = mbvi.Scene(gravity=(G * np.sin(slope), 0, -G * np.cos(slope)), friction=0.15, restitution=e)
+        scene.add_halfspace((0, 0, 1), name="slope")
+        body = {"position": (0, 0, 0.5), "velocity": velocity, "rotation": turn, "angular_velocity": spin}
+        scene.add_capsule(0.08, 0.3, 2.0, **body)
+        return scene.build()
+
+    found = differentiated(thrown_body(0.0), 0.4, ["restitution"], tolerance=1e-9)
+    assert [impact.regime for impact in found.run.impacts][:1] == [("slip",)]
+    first, second = (mbvi.simulate(thrown_body(e), mbvi.EventDriven(1e-12), duration=0.4) for e in (1e-5, 2e-5))
+    start = mbvi.simulate(thrown_body(0.0), mbvi.EventDriven(1e-12), duration=0.4)
+    # from one side, of order two
+    ends = [
+        np.append(found.run.problem.system.difference(start.q[-1], run.q[-1]), run.v[-1] - start.v[-1])
+        for run in (first, second)
+    ]
+    slope_by_e = (4.0 * ends[0] - ends[1]) / 2e-5
+    assert np.abs(found.matrix[:, 0]).max() > 0.01
+    np.testing.assert_allclose(found.matrix[:, 0], slope_by_e, atol=1e-4 * np.abs(slope_by_e).max())

@@ -208,6 +208,20 @@ class FrictionDerivatives:
         share = np.linalg.lstsq(kept @ plain.T, left[:, 0] * (kept @ v) - kept @ v, rcond=DEPENDENT)[0]
         return LinearLaw(v + share @ plain, *np.split(out, [n, 2 * n, 2 * n + k], axis=1))
 
+    def by_bounces(self, t: float, q: Array, before: Array, after: Array, closed: Array, rows: Array) -> Array:
+        """Return the velocity that the forces of closed contacts spend on ending the bounces of rows, shape (nv, k).
+
+        An e above 0 lets a row that closes open with e times its rate `before`. The forces then end this rate, and
+        bear in the present modes: those of contacts that slip along their slip `after` the impact.
+        """
+        equations = self.modes.equations(t, q, after, closed)
+        J, metric, way = equations.normals.J, equations.normals.metric, self.modes.directions(equations)
+        kept, forced, _ = rows_of_modes(J, equations.T, equations.mu, self.modes.sticks, way)
+        own, opening = np.flatnonzero(np.isin(closed, rows)), np.zeros((len(kept), len(rows)))
+        opening[own, rows.searchsorted(closed[own])] = np.minimum(J[own] @ before, 0.0)
+        response = metric.solve_rows(forced)
+        return np.asarray(-response.T @ np.linalg.lstsq(kept @ response.T, opening, rcond=DEPENDENT)[0])
+
     def slip(self, t: float, q: Array, v: Array, row: Array) -> tuple[Array, Array, Array]:
         """Return what the slip of one row varies by, T by v and dT v by q, shapes (2, nv), and -(dT/dt) v."""
         tangents = self._linear.rows.tangents(t, q, row)
