@@ -90,9 +90,12 @@ def take_mean_rates(s: MechanismStep, q: Array, time: float) -> None:
                     twist[c] += speed * columns[last, c]
         if speed == 0.0:
             continue
+        x, y, z = cross_product(twist[3], twist[4], twist[5], rows.point[a, 0], rows.point[a, 1], rows.point[a, 2])
+        velocity[0], velocity[1], velocity[2] = twist[0] + x, twist[1] + y, twist[2] + z
+        fixed = -dot(rows.normal[a], velocity)
         x, y, z = cross_product(twist[3], twist[4], twist[5], p[0], p[1], p[2])
         velocity[0], velocity[1], velocity[2] = twist[0] + x, twist[1] + y, twist[2] + z
-        write_rate(rows.J[a], support, n, last, -dot(rows.normal[a], velocity) / speed)
+        write_rate(rows.J[a], support, n, last, min(-dot(rows.normal[a], velocity), fixed) / speed)
         for c in range(2 if len(rows.T) > 0 and rows.mu[a] > 0.0 else 0):
             write_rate(rows.T[2 * a + c], support, n, last, -dot(rows.axes[a, c], velocity) / speed)
         if len(rows.R) > 0 and (rows.resistance[a, 0] > 0.0 or rows.resistance[a, 1] > 0.0):

@@ -46,7 +46,7 @@ class Applied(NamedTuple):
     coasts : bool
         Whether bodies move from there as `System.coast` does, and not along the retraction.
     usual : float
-        Length of a usual step [s]: a shortened one does not tell how fast contacts leave.
+        Length of a usual step [s], 0 if it is not known.
     """
 
     t: float
@@ -61,6 +61,11 @@ class Applied(NamedTuple):
     coasts: bool = False
     usual: float = 0.0
 
+    @property
+    def judged(self) -> float:
+        """The time in which closed contacts hardly move [s]: a shortened step does not tell how fast others leave."""
+        return max(self.h, self.usual)
+
     def end(self, system: System, w: Array, time: float) -> tuple[Array, Array]:
         """Return configuration and velocity a time after the law, which has led to w; shapes (nq,) and (nv,)."""
         displacement, after = system.coast(w, time) if self.coasts else (time * w, w)
@@ -69,7 +74,7 @@ class Applied(NamedTuple):
 
 def closed_contacts(problem: Problem, applied: Applied, step: Step) -> Array:
     """Return which rows of the law are closed contacts, shape (k,); see `project_positions`."""
-    rows, h = step.active, applied.usual
+    rows, h = step.active, applied.judged
     lever = problem.constraints.levers(rows.constraint)
     rise = h * lever * step.after
     # one that bears load and closes lands within the step
@@ -110,7 +115,7 @@ def stays_sunk(problem: Problem, applied: Applied, rows: Rows, after: Array, bef
     `after` and `before`, shape (k,), are the rates of their gaps after and before the law.
     """
     lever, e, tolerance = problem.constraints.levers(rows.constraint), rows.restitution, problem.tolerance
-    depth, rise, fall = -lever * rows.gap, applied.usual * lever * after, applied.usual * lever * before
+    depth, rise, fall = -lever * rows.gap, applied.judged * lever * after, applied.judged * lever * before
     still = (2.0 * np.abs(rise) < depth) & (depth > -fall)
     return np.asarray((depth > tolerance) & (e < 1.0) & ((e == 0.0) | still))
 

@@ -65,7 +65,7 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
     that follows is not solved. The run records the penetration that stays.
     """
     system, drift, part = problem.system, step.t - applied.t, problem.constraints.part
-    applied = applied._replace(usual=max(applied.h, projector.usual_step))
+    applied = applied._replace(usual=projector.usual_step)
     if not _may_sink(problem, step, drift, nearby):
         return _at_end(problem, applied, step)
     count = len(step.active.gap)
@@ -260,5 +260,5 @@ def _sticking(problem: Problem, applied: Applied, step: Step) -> Array | None:
     if step.slip is None:
         return None
     percussion, _, after, _ = np.sqrt((step.slip[..., :2] ** 2).sum(axis=2))
-    sticks = (step.percussion > 0.0) & (percussion > 0.0) & (applied.usual * after <= problem.tolerance)
+    sticks = (step.percussion > 0.0) & (percussion > 0.0) & (applied.judged * after <= problem.tolerance)
     return sticks if sticks.any() else None
