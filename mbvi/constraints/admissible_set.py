@@ -15,7 +15,6 @@ from ..system import System
 from ..system.free.sparse_rows import dense
 from .cache import ClearanceCache
 from .families.given import as_family
-from .families.moving import MovingWalls
 from .family import ConstraintFamily
 from .family_tangents import FamilyTangents
 from .rebuilt import Rebuilt
@@ -243,8 +242,9 @@ class AdmissibleSet(Rebuilt):
         order = np.argsort(which, kind="stable")
         for f in np.unique(which).tolist():
             part, family = take(rows, which == f), self.families[f]
-            if isinstance(family, MovingWalls):
-                part = family.at_place(t, q, part, part.constraint - self._starts[f])
+            if family.frame is not None:
+                bodies = family.at_rest.bodies_of(part.constraint - self._starts[f])
+                part = family.frame.at_place(t, q, part, bodies)
             elif type(family).bodies_of is not ConstraintFamily.bodies_of:
                 first, second = family.bodies_of(part.constraint - self._starts[f])
                 there = self.system.separation_rows(q, first, second, part.point, part.normal)

@@ -10,7 +10,6 @@ import numpy as np
 from ..compiled import kernel
 from ..system import System, independent_parts
 from .families.candidates import PairCandidates
-from .families.moving import MovingWalls
 from .family import ConstraintFamily
 from .rows import Array, Rows
 
@@ -141,7 +140,7 @@ class ClearanceCache:
                 envelopes.append(envelope)
             bends = family.bending_envelope() if envelope is None else envelope
             # at one time a wall that moves is as one at rest
-            at_one_time = family.constraint.envelope() if isinstance(family, MovingWalls) else envelope
+            at_one_time = envelope if family.at_rest is None else family.at_rest.envelope()
             if at_one_time is None:
                 self.searched |= True if bends is None else bends > 0.0
             else:

@@ -51,8 +51,8 @@ class ConstraintFamily(ABC):
         Whether the constraints are limits of joints, which are no contacts.
     moving : bool
         Whether gaps change with time at a fixed q; `rate` says how fast.
-    frame : MovingFrame or None
-        The frame of walls that move together.
+    frame, at_rest : MovingFrame or None, and ConstraintFamily or None
+        The frame of walls that move together, and their family in it, where they stand still.
     thickness : ndarray, shape (size,), or float
         The least travel within which bodies can pass through each other [m]; infinite where they never can, or where
         the tunnelling guard shall not check.
@@ -78,6 +78,7 @@ class ConstraintFamily(ABC):
     of_joints: bool = False
     moving: bool = False
     frame: Any = None
+    at_rest: Any = None
     thickness: Array | float = np.inf
     hollow: bool = False
     tracked: bool = True

@@ -85,6 +85,15 @@ class MovingFrame(Rebuilt):
         self.set_state(t + time, q)
         return self.velocity(self.world(inside, inside)[0]), self._spin
 
+    def at_place(self, t: float, q: Array, rows: Rows, bodies: tuple[Array, Array]) -> Rows:
+        """Return rows with the gradients and rates that contacts at the same points and normals have at (t, q).
+
+        `bodies` are the first and the second body of each, where the walls are the world.
+        """
+        self.set_state(t, q)
+        contact = rows.point, rows.normal
+        return rows._replace(jacobian=self.separation_in_world(*bodies, *contact), rate=self.rate(*contact))
+
     def in_world(self, poses: Array) -> Array:
         """Return poses in the world from those in the frame, shape (..., 4, 3)."""
         poses = poses @ self._turn.T
@@ -130,25 +139,26 @@ class MovingWalls(Rebuilt, ConstraintFamily):
     """
 
     moving = True
+    at_rest: ConstraintFamily
 
     def __init__(self, frame: MovingFrame, constraint: ConstraintFamily) -> None:
-        self.frame, self.constraint = frame, constraint
+        self.frame, self.at_rest = frame, constraint
         self.size, self.restitution, self.smooth = constraint.size, constraint.restitution, constraint.smooth
         self.friction = constraint.friction
 
     def rebuilt_with(self, old: Any, new: Any) -> MovingWalls:
         """Return a copy with another object in the place of one argument of the frame."""
         frame = self.frame.rebuilt_with(old, new)
-        assert isinstance(self.constraint, Rebuilt)
-        return MovingWalls(frame, self.constraint.rebuilt_with(self.frame, frame))
+        assert isinstance(self.at_rest, Rebuilt)
+        return MovingWalls(frame, self.at_rest.rebuilt_with(self.frame, frame))
 
     def name(self, number: int) -> str:
         """Return the name of one pair."""
-        return self.constraint.name(number)
+        return self.at_rest.name(number)
 
     def bending_envelope(self) -> Array | None:
         """Return the envelope of the walls if they stood still, shape (nv,)."""
-        return self.constraint.bending_envelope()
+        return self.at_rest.bending_envelope()
 
     def changes_of_walls(self, times: tuple[float, float, float], q: Array, points: Array) -> Array:
         """Return by how much points of the walls change their velocity, shape (k,) [m/s]; see the base class."""
@@ -157,12 +167,12 @@ class MovingWalls(Rebuilt, ConstraintFamily):
 
     def friction_of(self, numbers: Array) -> Array:
         """Return the coefficients of friction of some pairs, shape (k,)."""
-        return self.constraint.friction_of(numbers)
+        return self.at_rest.friction_of(numbers)
 
     def tangents(self, t: float, q: Array, rows: Rows, friction: Array) -> Tangents:
         """Return the tangents of some rows; those of the walls move with them."""
         self.frame.set_state(t, q)
-        axes, first, second = axes_of(rows.normal), *self.constraint.bodies_of(rows.constraint)
+        axes, first, second = axes_of(rows.normal), *self.at_rest.bodies_of(rows.constraint)
         first, second, point = (np.repeat(part, 2, axis=0) for part in (first, second, rows.point))
         jacobian = self.frame.separation_in_world(first, second, point, axes.reshape(-1, 3))
         rate = -np.vecdot(axes, self.frame.velocity(rows.point)[:, None])
@@ -171,35 +181,28 @@ class MovingWalls(Rebuilt, ConstraintFamily):
     def rotations(self, t: float, q: Array, rows: Rows, axes: Array) -> tuple[Any, Array]:
         """Return the rows and the rates at v = 0 of angular velocities relative to the walls; see `rotation_rows`."""
         self.frame.set_state(t, q)
-        bodies = self.constraint.bodies_of(rows.constraint)
+        bodies = self.at_rest.bodies_of(rows.constraint)
         found = rotation_rows(self.frame.separation_in_world, bodies, rows, axes)
         about = np.concatenate([rows.normal[:, None], axes], axis=1)
         return found, -(about @ self.frame.spin).ravel()
 
-    def at_place(self, t: float, q: Array, rows: Rows, numbers: Array) -> Rows:
-        """Return rows with the gradients and rates that contacts at the same points and normals have at (t, q)."""
-        self.frame.set_state(t, q)
-        contact = rows.point, rows.normal
-        jacobian = self.frame.separation_in_world(*self.constraint.bodies_of(numbers), *contact)
-        return rows._replace(jacobian=jacobian, rate=self.frame.rate(*contact))
-
     def poses_of(self, numbers: Array, t: float, q: Array) -> Array | None:
         """Return the poses of walls, that of the frame, and of bodies; see the base class."""
-        found = self.constraint.poses_of(numbers, t, self.frame.set_state(t, q))
+        found = self.at_rest.poses_of(numbers, t, self.frame.set_state(t, q))
         return None if found is None else self.frame.in_world(found)
 
     @property
     def count(self) -> int:
         """How many constraints there are."""
-        return self.constraint.count
+        return self.at_rest.count
 
     def describe(self) -> str:
         """Return one line of `Problem.report()`, in words."""
-        return f"{self.constraint.describe()}, with a prescribed motion"
+        return f"{self.at_rest.describe()}, with a prescribed motion"
 
     def contacts(self, t: float, q: Array, tolerance: float) -> Rows | None:
         """Return the rows within the tolerance, or None."""
-        rows = self.constraint.contacts(t, self.frame.set_state(t, q), tolerance)
+        rows = self.at_rest.contacts(t, self.frame.set_state(t, q), tolerance)
         if rows is None:
             return None
         point, normal = self.frame.world(rows.point, rows.normal)
@@ -207,13 +210,13 @@ class MovingWalls(Rebuilt, ConstraintFamily):
 
     def gap(self, t: float, q: Array) -> Array:
         """Return the signed distance of every pair, shape (m,) [m]."""
-        return np.asarray(self.constraint.gap(t, self.frame.set_state(t, q)))
+        return np.asarray(self.at_rest.gap(t, self.frame.set_state(t, q)))
 
     def gradient(self, t: float, q: Array) -> Array:
         """Return the gradient of every pair's distance, shape (m, nv)."""
-        return np.asarray(self.constraint.gradient(t, self.frame.set_state(t, q)))
+        return np.asarray(self.at_rest.gradient(t, self.frame.set_state(t, q)))
 
     def rate(self, t: float, q: Array) -> Array:
         """Return df/dt of every pair at a fixed q, shape (m,) [m/s]."""
-        point, normal = self.constraint.nearest_points(self.frame.set_state(t, q))
+        point, normal = self.at_rest.nearest_points(self.frame.set_state(t, q))
         return self.frame.rate(*self.frame.world(point, normal))

@@ -102,6 +102,8 @@ class Pairs(Rebuilt, ConstraintFamily):
     """
 
     skips_resting = True
+    # whether contacts depend on what is beside fixed shapes
+    has_seams = False
 
     def __init__(
         self, system: System, table: ShapeTable, sides: Array, restitution: Array, friction: Array | float = 0.0

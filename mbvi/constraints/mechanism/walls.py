@@ -22,8 +22,6 @@ from ...system import System
 from ...system.mechanisms.articulated import ArticulatedSystem
 from ..admissible_set import AdmissibleSet
 from ..families.half_space import HalfSpaceContacts
-from ..families.joint_limit import JointLimits
-from ..families.moving import MovingWalls
 from ..families.signed_distance import SignedDistances
 from ..family import ConstraintFamily
 from ..rebuilt import Rebuilt
@@ -199,11 +197,10 @@ def motions_of(constraints: AdmissibleSet) -> list[Motion] | None:
     for family in constraints.families:
         if not family.moving:
             continue
-        if not isinstance(family, MovingWalls) or type(family.constraint) not in (HalfSpaceContacts, SignedDistances):
+        if type(family.at_rest) not in (HalfSpaceContacts, SignedDistances):
             return None
-        pairs = family.constraint
         # contacts that the union of tiles has not are known of walls at rest only
-        if isinstance(pairs, SignedDistances) and pairs.has_seams:
+        if family.at_rest.has_seams:
             return None
         if type(family.frame.motion) not in (Translation, Oscillation, Rotation):
             return None
@@ -220,7 +217,7 @@ def with_wall_bodies(constraints: AdmissibleSet, joints: WallJoints) -> tuple[Ad
     parts: list[list[tuple[int, ConstraintFamily]]] = []
     of_kind = dict[type, list[tuple[int, ConstraintFamily]]]()
     for k, family in enumerate(constraints.families):
-        kind = type(family.constraint if isinstance(family, MovingWalls) else family)
+        kind = type(family.at_rest or family)
         if kind in kinds and kind in of_kind:
             of_kind[kind].append((k, family))
             continue
@@ -232,7 +229,7 @@ def with_wall_bodies(constraints: AdmissibleSet, joints: WallJoints) -> tuple[Ad
     starts = [start for _, start, _ in constraints.numbered()]
     for part in parts:
         k, family = part[0]
-        kind = type(family.constraint if isinstance(family, MovingWalls) else family)
+        kind = type(family.at_rest or family)
         if any(one.moving for _, one in part):
             made.append((_half_spaces if kind is HalfSpaceContacts else _distances)(constraints, part, joints))
         else:
@@ -249,7 +246,7 @@ def _moved(family: ConstraintFamily, system: System) -> ConstraintFamily:
     """Return a family on another system."""
     assert isinstance(family, Rebuilt)
     arguments, options = family._arguments
-    if isinstance(family, JointLimits):
+    if family.of_joints:
         arguments = (system.nv, *arguments[1:])
     arguments = tuple(system if isinstance(one, System) else one for one in arguments)
     return type(family)(*arguments, **{k: system if isinstance(one, System) else one for k, one in options.items()})
@@ -271,8 +268,7 @@ def _half_spaces(
     planes, shapes, names, walls = list[HalfSpace](), list[Any](), list[str](), list[WallBody | None]()
     lines = list[Array]()
     for _, family in part:
-        own, wall = _inner(family, joints)
-        assert isinstance(own, HalfSpaceContacts)
+        own, wall = _at_rest(family, joints)
         arguments, _ = own._arguments
         origin = np.zeros(3) if wall is None else wall.origin
         planes += [HalfSpace(one.normal, one.offset - float(np.dot(one.normal, origin))) for one in arguments[1]]
@@ -292,8 +288,7 @@ def _distances(
 ) -> DistancesOnBodies:  # fmt: skip
     placed, sides, walls, begin = list[Any](), list[Array](), list[WallBody | None](), 0
     for _, family in part:
-        own, wall = _inner(family, joints)
-        assert isinstance(own, SignedDistances)
+        own, wall = _at_rest(family, joints)
         (_, table, pairs, _, line, at_rest, *_), _ = own._arguments
         for one in table.placed:
             fixed = wall is not None and one.body == 0
@@ -307,6 +302,6 @@ def _distances(
     return made
 
 
-def _inner(family: ConstraintFamily, joints: WallJoints) -> tuple[ConstraintFamily, WallBody | None]:
+def _at_rest(family: ConstraintFamily, joints: WallJoints) -> tuple[Any, WallBody | None]:
     """Return a family as it is where walls stand still, and its wall."""
-    return (family.constraint, joints.walls[family.frame.motion]) if isinstance(family, MovingWalls) else (family, None)
+    return (family, None) if family.frame is None else (family.at_rest, joints.walls[family.frame.motion])
