@@ -106,6 +106,19 @@ def test_drawn_scenes_move_as_by_steps_of_python(name, seed, monkeypatch):
     assert_same(run, run_of(problem, SCHEMES[name]))
 
 
+@pytest.mark.parametrize("robot", ["quadruped", "hopper"])
+@pytest.mark.parametrize("name", SCHEMES)
+def test_robots_on_a_table_that_shakes_move_as_by_steps_of_python(name, robot, monkeypatch):
+    scene, shakes = mbvi.Scene(friction=0.6), motion.Oscillation((4e-3, 0, 3e-3), 3.0)
+    scene.add_box((3.0, 3.0, 0.2), position=(0, 0, -0.1), motion=shakes)
+    scene.add_urdf(mbvi.robot(robot), position=(0, 0, 0.5))
+    problem = scene.build()
+    run = run_of(problem, SCHEMES[name], duration=0.3)
+    monkeypatch.setattr(taking, "compiled_loop", lambda *_: None)
+    assert run.impacts
+    assert_same(run, run_of(problem, SCHEMES[name], duration=0.3))
+
+
 def test_runs_of_one_problem_have_the_same_bytes_and_begin_with_shorter_ones():
     problem, scheme = drawn_scene(0), mbvi.Centered(project_positions=True)
     run, again, shorter = (run_of(problem, scheme, duration=t) for t in (0.5, 0.5, 0.3))
