@@ -106,7 +106,7 @@ def test_a_file_without_its_control_says_what_it_cannot_tell(tmp_path):
     assert found.unseen
     assert np.isnan(found.energy_excess)
     assert np.isnan(found.horizon)
-    assert "cannot be told" in str(found)
+    assert "outcomes is not known" in str(found)
     assert "Energies are not known: the file of this run could not keep control of robot 'hopper'." in str(found)
     assert "nan" not in str(found)
 

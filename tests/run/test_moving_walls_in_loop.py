@@ -149,8 +149,8 @@ def test_joints_of_walls_move_them_as_prescribed(seed):
     made = wall_joints(joined(problem.system), problem.system, each)
     model, data = made.system.model, made.system.model.createData()
     for t in rng.uniform(-3.0, 3.0, 4):
-        clocks = made.clocks[:, 0] * t + made.clocks[:, 1]
-        q, v = np.concatenate([problem.q0, clocks]), np.concatenate([problem.v0, made.clocks[:, 0]])
+        coordinates = made.prescribed.motion[:, 0] * t + made.prescribed.motion[:, 1]
+        q, v = np.concatenate([problem.q0, coordinates]), np.concatenate([problem.v0, made.prescribed.motion[:, 0]])
         pin.forwardKinematics(model, data, q, v)
         for one in each:
             wall = made.walls[one]

@@ -479,7 +479,7 @@ CALLS = {
     },
     "has_friction": [(DEFAULT, swaying, ROUGH, 0), (DEFAULT, swaying, RIGID, 5), (CENTERED, hopper, ROUGH, 1)],
     "known_gaps": [(DEFAULT, swaying, ROUGH, 0), (DEFAULT, hopper, ROUGH, 60), (DEFAULT, on_block, ROUGH, 50)],
-    "set_clocks": [(PAOLI, hopper, BOUNCY, 9), (DEFAULT, shaken, RIGID, 50), (PILES, shaken, ROUGH, 70)],
+    "set_prescribed_joints": [(PAOLI, hopper, BOUNCY, 9), (DEFAULT, shaken, RIGID, 50), (PILES, shaken, ROUGH, 70)],
     "is_moved_by_walls": [(DEFAULT, shaken, BOUNCY, 9), (DEFAULT, shaken, RIGID, 40), (DEFAULT, shaken, ROUGH, 30)],
     "widen_margins": [(DEFAULT, shaken, BOUNCY, 9), (DEFAULT, shaken, RIGID, 40), (DEFAULT, shaken, ROUGH, 30)],
     "take_mean_rates": [(PILES, hopper, BOUNCY, 9), (PILES, shaken, RESISTS, 40), (PILES, shaken, ROUGH, 30)],

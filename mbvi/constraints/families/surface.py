@@ -276,7 +276,7 @@ class SphereSurface(SurfaceContacts):
         """Return the contacts of some spheres within a tolerance, no farther from each centre than its reach."""
         # triangles that share a feature have its nearest point at the same distance, up to rounding
         reach, radii = reach + self._rounding, self._radii[shapes]
-        # each call asks for other spheres: no lists of near triangles are kept
+        # each call is for other spheres: no lists of near triangles are kept
         kept = np.zeros((len(shapes), 0), np.int64), np.zeros((len(shapes), 4))
         while True:
             count, most = mesh_contacts(

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from ...compiled import record
 from ...geometry.motion import Motion, Oscillation, Rotation, Translation
 from ...geometry.same_motions import each_once
 from ...geometry.shapes.shape_table import ShapeTable
@@ -54,25 +55,38 @@ class WallBody(NamedTuple):
     swings: bool
 
 
+@record("f8[:,::1], f8[:,::1]")
+class PrescribedJoints(NamedTuple):
+    """The joints of walls that move, which are the last ones of a mechanism.
+
+    Attributes
+    ----------
+    motion : ndarray, shape (n, 2)
+        Speed of each joint, and its coordinate at t = 0.
+    changes : ndarray, shape (m, 6)
+        For each wall that changes its velocity its first joint among these, its speed [rad/s], and of an oscillation
+        the amplitude [m] and the direction; NaN for a rotation.
+    """
+
+    motion: Array
+    changes: Array
+
+
 class WallJoints(NamedTuple):
-    """The joints of all walls, the last ones of a mechanism.
+    """A mechanism with walls as bodies.
 
     Attributes
     ----------
     system : ArticulatedSystem
         The mechanism.
-    clocks : ndarray, shape (n, 2)
-        Speed of each joint, and its coordinate at t = 0.
-    changes : ndarray, shape (m, 6)
-        For each wall that changes its velocity its first joint among these, its speed [rad/s], and of an oscillation
-        the amplitude [m] and the direction; NaN for a rotation.
+    prescribed : PrescribedJoints
+        The joints of the walls.
     walls : dict of Motion to WallBody
         The walls; those with one motion are one body.
     """
 
     system: ArticulatedSystem
-    clocks: Array
-    changes: Array
+    prescribed: PrescribedJoints
     walls: dict[Motion, WallBody]
 
 
@@ -147,14 +161,14 @@ class _WithWalls(ArticulatedSystem):
 def wall_joints(system: ArticulatedSystem, given: System, motions: list[Motion]) -> WallJoints:
     """Return a mechanism with the joints of walls of some motions; `given` is what it was joined of."""
     model = system.model.copy()
-    clocks, changes, walls = list[tuple[float, float]](), list[tuple[float, ...]](), dict[Motion, WallBody]()
+    speeds, changes, walls = list[tuple[float, float]](), list[tuple[float, ...]](), dict[Motion, WallBody]()
 
     def add(parent: int, joint: Any, origin: Array, speed: float, start: float) -> int:
-        clocks.append((speed, start))
+        speeds.append((speed, start))
         return int(model.addJoint(parent, joint, pin.SE3(np.eye(3), origin), str(model.njoints)))
 
     for motion in motions:
-        first, number, origin = model.nv, len(clocks), np.zeros(3)
+        first, number, origin = model.nv, len(speeds), np.zeros(3)
         if isinstance(motion, Translation):
             direction, speed = _direction(motion.velocity)
             body = add(0, pin.JointModelPrismaticUnaligned(*direction), origin, speed, 0.0)
@@ -182,7 +196,8 @@ def wall_joints(system: ArticulatedSystem, given: System, motions: list[Motion])
     armature = np.array(model.armature)
     armature[system.nv :] = _ARMATURE
     model.armature = armature
-    return WallJoints(_WithWalls(system, given, model), np.array(clocks), np.array(changes).reshape(-1, 6), walls)
+    prescribed = PrescribedJoints(np.array(speeds), np.array(changes).reshape(-1, 6))
+    return WallJoints(_WithWalls(system, given, model), prescribed, walls)
 
 
 def _direction(vector: Any) -> tuple[Array, float]:
@@ -245,11 +260,10 @@ def with_wall_bodies(constraints: AdmissibleSet, joints: WallJoints) -> tuple[Ad
 def _moved(family: ConstraintFamily, system: System) -> ConstraintFamily:
     """Return a family on another system."""
     assert isinstance(family, Rebuilt)
-    arguments, options = family._arguments
-    if family.of_joints:
-        arguments = (system.nv, *arguments[1:])
-    arguments = tuple(system if isinstance(one, System) else one for one in arguments)
-    return type(family)(*arguments, **{k: system if isinstance(one, System) else one for k, one in options.items()})
+    if not family.of_joints:
+        return family.rebuilt_with(family.system, system)
+    (_, *arguments), options = family._arguments
+    return type(family)(system.nv, *arguments, **options)
 
 
 def _settings(constraints: AdmissibleSet, part: list[tuple[int, ConstraintFamily]]) -> tuple[Array, Array]:

@@ -16,7 +16,7 @@ Array = np.ndarray
 # most names, rows and jumps in a report
 _MOST_NAMES, _MOST_ROWS, _MOST_JUMPS = 3, 12, 3
 # the verdict on a run of which only some steps are known
-_UNTOLD = "Whether an impact has several outcomes cannot be told: the file keeps only some of the steps."
+_OUTCOMES_UNKNOWN = "Whether an impact has several outcomes is not known: the file keeps only some of the steps."
 
 
 @dataclass(frozen=True)
@@ -151,7 +151,7 @@ class Diagnosis:
     def report(self) -> str:
         """Return the diagnosis in words, then the instants as a table, impacts first."""
         lines = [self.verdict()]
-        if self.unseen and lines[0] != _UNTOLD:
+        if self.unseen and lines[0] != _OUTCOMES_UNKNOWN:
             lines.append("The file keeps only some of the steps: instants between them were not looked at.")
         if self.vanishing:
             names = ", ".join(self.vanishing[:_MOST_NAMES])
@@ -241,7 +241,7 @@ class Diagnosis:
                 "several outcomes is not known: outcomes are only sought without friction."
             )
         if self.unseen:
-            return _UNTOLD
+            return _OUTCOMES_UNKNOWN
         return "No impact that this run took at once has several outcomes."
 
     def _table(self) -> list[str]:

@@ -105,7 +105,7 @@ class CompiledLoop:
         problem, recorder, memory = self._problem, self._recorder, self._memory
         if self._own.numbers is None:
             self._projector.lend(memory.percussion, memory.start, memory.size)
-        q, v = self._own.with_clocks(state.q), self._own.with_clocks(state.v)
+        q, v = self._own.with_prescribed(state.q), self._own.with_prescribed(state.v)
         end, count = min(whole, done + CHUNK) + 1, recorder.count
         with nullcontext() if self._callbacks is None else self._with_contacts():
             following, count, code = self._loop(

@@ -18,7 +18,7 @@ from ..tunnelling import TunnellingGuard
 from .callbacks import PythonCallbacks
 from .loop_record import PLAIN, ROUGH, TURNING, LoopRecord
 from .loop_scope import control_of
-from .moving_walls import NO_CLOCKS, InLoop
+from .moving_walls import NONE_PRESCRIBED, InLoop
 
 # steps in one call of the kernel, so that bars and files go on
 CHUNK = 2000
@@ -33,7 +33,8 @@ def mechanism_step(
     """Return what steps a problem that the loop takes, with room for one step; `own` only where walls may move."""
     system, constraints = problem.system, problem.constraints
     frictional, turns = constraints.frictional, constraints.resistance is not None
-    nq, nv, clocks = len(mechanism.placed), len(mechanism.damping), NO_CLOCKS if own is None else own.clocks
+    nq, nv = len(mechanism.placed), len(mechanism.damping)
+    prescribed = NONE_PRESCRIBED if own is None else own.prescribed
     control, acted = control_of(system)
     if callbacks is not None and callbacks.table is not None:
         control, acted = callbacks.table, np.array([0, system.nq, 0, system.nv])
@@ -54,8 +55,8 @@ def mechanism_step(
     bodies = bodies._replace(owner=np.append(bodies.owner, np.full(nv - system.nv, -1)))
     space = room(nq, nv, len(mechanism.mass) - nv, part[-1] + 1)
     return MechanismStep(
-        mechanism, bodies, state.arrays, memory, scales, clocks, control, acted, space, rows, ahead,
-        middle,
+        mechanism, bodies, state.arrays, memory, scales, prescribed, control, acted, space, rows,
+        ahead, middle,
         np.zeros(nq), np.zeros(nv), np.zeros(4 * MOST_ROWS), np.zeros(8 * MOST_ROWS if frictional else 0),
         np.zeros(12 * MOST_ROWS if turns else 0), np.zeros(1), np.zeros((MOST_ROWS * scheme.project_positions, 6)),
         np.zeros(1, np.int64), np.zeros(1, bool),
@@ -69,8 +70,8 @@ def loop_record(
     """Return the record of a loop that writes states to given arrays, and logs the rows of up to `CHUNK` steps."""
     width = ROUGH if problem.constraints.frictional else PLAIN
     width = width if problem.constraints.resistance is None else TURNING
-    pairs, clocks = guard.shares[1].shape[1], 0 if own is None else len(own.clocks.speeds)
-    nq, nv, constraints = len(problem.q0) + clocks, len(problem.v0) + clocks, problem.constraints
+    pairs, joints = guard.shares[1].shape[1], 0 if own is None else len(own.prescribed.motion)
+    nq, nv, constraints = len(problem.q0) + joints, len(problem.v0) + joints, problem.constraints
     constraints = constraints if own is None else own.constraints
     family, member, thickness, ways = columns_of(constraints, guard.watched)
     return LoopRecord(

@@ -135,7 +135,7 @@ class MechanismRun:
             problem, scheme, self._projector.residual, own.mechanism, own.state, self._callbacks, own.loop
         )
         # the joints of walls come last
-        self._state_of_loop = own.loop.with_clocks(problem.q0), own.loop.with_clocks(problem.v0)
+        self._state_of_loop = own.loop.with_prescribed(problem.q0), own.loop.with_prescribed(problem.v0)
         self.q, self.v = self._state_of_loop[0][: len(problem.q0)], self._state_of_loop[1][: len(problem.v0)]
         penetration, violation, residual = np.zeros((3, room))
         states = np.zeros(room), self.q[None], self.v[None], penetration, violation, residual

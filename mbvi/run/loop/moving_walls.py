@@ -9,10 +9,9 @@ import numpy as np
 
 from ...constraints import AdmissibleSet
 from ...constraints.mechanism.state import can_be_compiled, walls_can_be_bodies
-from ...constraints.mechanism.walls import motions_of, wall_joints, with_wall_bodies
+from ...constraints.mechanism.walls import PrescribedJoints, motions_of, wall_joints, with_wall_bodies
 from ...problem import Problem
 from ...schemes import Step
-from ...schemes.kernels.records import Clocks
 from ...system.mechanisms.articulated import ArticulatedSystem
 from ...system.mechanisms.joined import can_be_joined, joined
 from ...system.system import Array
@@ -20,7 +19,7 @@ from .loop_record import LoopRecord
 
 # making one takes as long as a hundred steps
 _made: WeakKeyDictionary[AdmissibleSet, InLoop] = WeakKeyDictionary()
-NO_CLOCKS = Clocks(np.zeros((0, 2)), np.zeros((0, 6)))
+NONE_PRESCRIBED = PrescribedJoints(np.zeros((0, 2)), np.zeros((0, 6)))
 
 
 class InLoop(NamedTuple):
@@ -32,7 +31,7 @@ class InLoop(NamedTuple):
         The parts of the problem as one mechanism, with the joints of walls that move.
     constraints : AdmissibleSet
         Those of the problem; where walls move, others in which these are bodies.
-    clocks : Clocks
+    prescribed : PrescribedJoints
         The joints of walls.
     numbers : ndarray of int, shape (n,), or None
         Of each of the constraints its number in the problem; None where these are the same.
@@ -40,21 +39,21 @@ class InLoop(NamedTuple):
 
     system: ArticulatedSystem
     constraints: AdmissibleSet
-    clocks: Clocks
+    prescribed: PrescribedJoints
     numbers: Array | None
 
-    def with_clocks(self, state: Array) -> Array:
+    def with_prescribed(self, state: Array) -> Array:
         """Return q or v with room for the joints of walls."""
-        return np.concatenate([state, np.zeros(len(self.clocks.speeds))])
+        return np.concatenate([state, np.zeros(len(self.prescribed.motion))])
 
     @property
     def speeds(self) -> Array:
         """The speeds of the joints of walls."""
-        return self.clocks.speeds[:, 0]
+        return self.prescribed.motion[:, 0]
 
     def at_time(self, step: Step) -> Step:
         """Return a step with the joints of walls, where they are at its time."""
-        q, v = np.append(step.q, self.speeds * step.t + self.clocks.speeds[:, 1]), np.append(step.v, self.speeds)
+        q, v = np.append(step.q, self.speeds * step.t + self.prescribed.motion[:, 1]), np.append(step.v, self.speeds)
         return step._replace(q=q, v=v)
 
     def named(self, step: Step) -> Step:
@@ -79,7 +78,7 @@ class InLoop(NamedTuple):
 def in_loop(problem: Problem) -> InLoop | None:
     """Return what the compiled loop steps of a problem of which `is_compiled` is true; None if it cannot."""
     if not problem.constraints.moving:
-        return InLoop(joined(problem.system), problem.constraints, NO_CLOCKS, None)
+        return InLoop(joined(problem.system), problem.constraints, NONE_PRESCRIBED, None)
     found = with_walls(problem)
     if found is None or not can_be_compiled(found.constraints):
         return None
@@ -97,6 +96,6 @@ def with_walls(problem: Problem) -> InLoop | None:
     if found is None:
         walls = wall_joints(joined(problem.system), problem.system, motions_of(constraints) or [])
         bodies, numbers = with_wall_bodies(constraints, walls)
-        found = _made[constraints] = InLoop(walls.system, bodies, Clocks(walls.clocks, walls.changes), numbers)
-        bodies.cache.start(found.with_clocks(problem.q0))
+        found = _made[constraints] = InLoop(walls.system, bodies, walls.prescribed, numbers)
+        bodies.cache.start(found.with_prescribed(problem.q0))
     return found

@@ -14,7 +14,7 @@ from ...schemes.kernels.moreau_jean import moreau_jean_step
 from ...schemes.kernels.paoli import paoli_step
 from ...schemes.kernels.records import DONE, MechanismStep
 from ...schemes.kernels.stewart_trinkle import stewart_trinkle_step
-from ...schemes.kernels.walls import set_clocks
+from ...schemes.kernels.walls import set_prescribed_joints
 from ..recording.recorder import record_depth
 from .guard import may_pass
 from .loop_record import ROUGH, TURNING, LoopRecord
@@ -101,7 +101,7 @@ def run_paoli(
         for a in range(size[1]):
             log.before[MOST_ROWS + a] = memory.start[a]
         t, log.taken[0], s.at_end[0] = t0 + (i - 1) * h, i - first, False
-        set_clocks(s, t, q, v)
+        set_prescribed_joints(s, t, q, v)
         code = paoli_step(s, t, q, v, h)
         m = rows.size[0]
         if code == DONE and place + m > len(log.number):

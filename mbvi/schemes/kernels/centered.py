@@ -35,7 +35,7 @@ def take_near(s: MechanismStep, drift: Array, still: Array, near: Array) -> int:
     margins are the largest.
     """
     rows, near_rows, tolerance, k = s.ahead, s.rows, s.scales.tolerance, s.ahead.size[0]
-    near_rows.size[0], own, largest = 0, np.empty(k), np.empty(k if len(s.clocks.speeds) > 0 else 0)
+    near_rows.size[0], own, largest = 0, np.empty(k), np.empty(k if len(s.prescribed.motion) > 0 else 0)
     write_largest_of_parts(rows.J, s.scales.part, still, own)
     write_largest_of_parts(rows.J, s.scales.part, s.room.margins, largest)
     for a in range(k):
@@ -177,7 +177,7 @@ def step_of_shared_closings(s: MechanismStep, t: float, q: Array, v: Array, h: f
     if projects:
         write_margins(scales.turn_squares, drift, scales.part, scales.tolerance, scales.length, room.margins)
     still = room.margins
-    if projects and len(s.clocks.speeds) > 0:
+    if projects and len(s.prescribed.motion) > 0:
         still = room.margins.copy()
         widen_margins(s, q, h, room.margins)
     s.constraints.given.time[0] = t + h

@@ -9,6 +9,7 @@ import numpy as np
 from ...compiled import record
 from ...constraints.mechanism.rows import MechanismConstraints
 from ...constraints.mechanism.tables import FOUND, MOST_ROWS, RowBuffer
+from ...constraints.mechanism.walls import PrescribedJoints
 from ...system.control_table import ControlTable
 from ...system.free.free_body_table import FreeBodyTable
 from ...system.mechanisms.mechanism import Mechanism
@@ -36,20 +37,6 @@ class LawMemory(NamedTuple):
     percussion: Array
     start: Array
     size: Array
-
-
-@record("f8[:,::1], f8[:,::1]")
-class Clocks(NamedTuple):
-    """The joints of walls that move; see `WallJoints`.
-
-    Attributes
-    ----------
-    speeds, changes : ndarray, shapes (n, 2) and (m, 6)
-        Its `clocks` and `changes`.
-    """
-
-    speeds: Array
-    changes: Array
 
 
 @record("f8, f8, f8, f8[:,::1], f8[:,::1], b1[::1], i8[::1], i8[::1], f8[::1], f8, b1, b1")
@@ -181,8 +168,8 @@ def room(nq: int, nv: int, equalities: int, parts: int) -> Room:
 
 
 @record(
-    "Mechanism, FreeBodyTable, MechanismConstraints, LawMemory, Scales, Clocks, ControlTable, i8[::1], Room, RowBuffer,"
-    " RowBuffer, RowBuffer, f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:,::1], i8[::1],"
+    "Mechanism, FreeBodyTable, MechanismConstraints, LawMemory, Scales, PrescribedJoints, ControlTable, i8[::1], Room,"
+    " RowBuffer, RowBuffer, RowBuffer, f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:,::1], i8[::1],"
     " b1[::1]"
 )
 class MechanismStep(NamedTuple):
@@ -190,7 +177,7 @@ class MechanismStep(NamedTuple):
 
     Attributes
     ----------
-    mechanism, bodies, constraints, memory, scales, clocks, control
+    mechanism, bodies, constraints, memory, scales, prescribed, control
         What steps; `bodies` are those parts of the mechanism that are free bodies.
     acted : ndarray of int, shape (4,)
         Where the coordinates that the control knows begin and end in q, and in v.
@@ -223,7 +210,7 @@ class MechanismStep(NamedTuple):
     constraints: MechanismConstraints
     memory: LawMemory
     scales: Scales
-    clocks: Clocks
+    prescribed: PrescribedJoints
     control: ControlTable
     acted: Array
     room: Room

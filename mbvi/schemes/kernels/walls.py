@@ -20,22 +20,22 @@ _ROUNDING = 1e-12
 
 
 @kernel("void(MechanismStep, f8, f8[::1], f8[::1])")
-def set_clocks(s: MechanismStep, t: float, q: Array, v: Array) -> None:
+def set_prescribed_joints(s: MechanismStep, t: float, q: Array, v: Array) -> None:
     """Write the coordinates and speeds of the joints of walls at a time; these are the last ones."""
-    clocks = s.clocks.speeds
-    n = len(clocks)
+    motion = s.prescribed.motion
+    n = len(motion)
     for k in range(n):
-        q[len(q) - n + k], v[len(v) - n + k] = clocks[k, 0] * t + clocks[k, 1], clocks[k, 0]
+        q[len(q) - n + k], v[len(v) - n + k] = motion[k, 0] * t + motion[k, 1], motion[k, 0]
 
 
 @kernel("b1(MechanismStep, RowBuffer, i8)")
 def is_moved_by_walls(s: MechanismStep, rows: RowBuffer, a: int) -> bool:
     """Return whether a wall that moves changes the gap of row a, now or at another time of its oscillation."""
-    row, clocks, walls, rate, terms = rows.J[a], s.clocks.speeds, s.clocks.changes, 0.0, 0.0
-    first = len(row) - len(clocks)
-    for k in range(len(clocks)):
-        rate += row[first + k] * clocks[k, 0]
-        terms += abs(row[first + k] * clocks[k, 0])
+    row, motion, walls, rate, terms = rows.J[a], s.prescribed.motion, s.prescribed.changes, 0.0, 0.0
+    first = len(row) - len(motion)
+    for k in range(len(motion)):
+        rate += row[first + k] * motion[k, 0]
+        terms += abs(row[first + k] * motion[k, 0])
     if abs(rate) > _ROUNDING * terms:
         return True
     for w in range(len(walls)):
@@ -62,8 +62,8 @@ def take_mean_rates(s: MechanismStep, q: Array, time: float) -> None:
 
     The rows are those at q, shape (nq,), where the mechanism is placed. It is placed elsewhere then.
     """
-    rows, poses, columns, clocks = s.rows, s.mechanism.poses, s.mechanism.columns, s.clocks.speeds
-    m, nv, n, walls = rows.size[0], len(s.v), len(clocks), len(s.scales.part_of_body)
+    rows, poses, columns, motion = s.rows, s.mechanism.poses, s.mechanism.columns, s.prescribed.motion
+    m, nv, n, walls = rows.size[0], len(s.v), len(motion), len(s.scales.part_of_body)
     if n == 0:
         return
     point, body, there = rows.point[:m].copy(), np.empty(m, np.int64), q.copy()
@@ -74,7 +74,7 @@ def take_mean_rates(s: MechanismStep, q: Array, time: float) -> None:
             for c in range(3):
                 old[a, r, c] = poses[body[a], r, c]
     for k in range(n):
-        there[len(q) - n + k] += time * clocks[k, 0]
+        there[len(q) - n + k] += time * motion[k, 0]
     place(s.mechanism, there)
     twist, velocity = np.empty(6), np.empty(3)
     for a in range(m):
@@ -85,7 +85,7 @@ def take_mean_rates(s: MechanismStep, q: Array, time: float) -> None:
         twist[:] = 0.0
         for k in range(n):
             if support[nv - n + k] != 0.0:
-                last, speed = nv - n + k, clocks[k, 0]
+                last, speed = nv - n + k, motion[k, 0]
                 for c in range(6):
                     twist[c] += speed * columns[last, c]
         if speed == 0.0:
@@ -120,8 +120,8 @@ def widen_margins(s: MechanismStep, q: Array, h: float, margins: Array) -> None:
         The margins [m].
     """
     place(s.mechanism, q)
-    poses, columns, walls = s.mechanism.poses, s.mechanism.columns, s.clocks.changes
-    bends, n = np.zeros(len(margins)), len(s.clocks.speeds)
+    poses, columns, walls = s.mechanism.poses, s.mechanism.columns, s.prescribed.changes
+    bends, n = np.zeros(len(margins)), len(s.prescribed.motion)
     for body in range(1, len(s.scales.part_of_body) + 1):
         p, x, y, z = s.scales.part_of_body[body - 1], poses[body, 3, 0], poses[body, 3, 1], poses[body, 3, 2]
         for w in range(len(walls)):
