@@ -22,13 +22,11 @@ from .finding.release_events import first_release
 from .friction.events import first_mode_end
 from .friction.forces import contact_forces
 from .impact_event import ImpactEvent
-from .motion_state import NO_ROWS, MotionState
+from .motion_state import LOCAL, NO_ROWS, MotionState
 from .rows.row_sets import members, union
 from .runge_kutta import RungeKuttaStep
 from .whole_step import largest_error
 
-# largest error of one step, relative to the tolerance
-_LOCAL = 0.3
 # step control: the next step is h times _SAFETY error^-_EXPONENT, between the least and the most factor; the exponent
 # is one over the order of the method
 _SAFETY, _LEAST_FACTOR, _MOST_FACTOR, _EXPONENT = 0.8, 0.2, 10.0, 0.125
@@ -123,7 +121,7 @@ class EventDrivenIntegrator(MotionState):
             event = share < 1.0
             if event:
                 # the next event may follow as soon
-                h = min(h, max(_AFTER * share * length, _LEAST_AFTER))
+                usual, h = h, min(h, max(_AFTER * share * length, _LEAST_AFTER))
             # near Painlevé's configuration forces grow without bound, and steps shrink
             shrinks = self.modes is not None and step.h < min(_SHRUNK * self.tolerance, end - step.t)
             stays = shrinks or (event and step.h < _LEAST_STEP * max(1.0, abs(self.t)))
@@ -139,6 +137,9 @@ class EventDrivenIntegrator(MotionState):
                 advances = at_once <= _MOST_AT_ONCE and self._events_advance()
                 if advances and (clear.all() or (yield from bounce(self))):
                     yield from change_contacts(self, touching)
+                    if self.modes is not None and self.modes.begins:
+                        # in a short step a slip that begins gently would stay below its rounding
+                        h = usual
                 else:
                     yield from fall_back(self, end)
                     at_once = 0
@@ -214,13 +215,17 @@ class EventDrivenIntegrator(MotionState):
         first : ndarray of int
             The row that closes there, if one does, or the pairs whose features change.
         """
-        step = self.flow.step(self.t, self.q, self.v, a, h, self.closed)
+        takes = self.implicit if self.implicit is not None and self.implicit.needed(h) else self.flow
+        step, stiff = takes.step(self.t, self.q, self.v, a, h, self.closed), takes is self.implicit
+        if step is None:
+            return None, _LEAST_FACTOR, 1.0, NO_ROWS
         error = self._error(step)
         factor = min(max(_SAFETY * max(error, 1e-12) ** -_EXPONENT, _LEAST_FACTOR), _MOST_FACTOR)
         # written so that a NaN is refused too
         if not error <= 1.0:
             return None, factor if np.isfinite(error) else _LEAST_FACTOR, 1.0, NO_ROWS
-        step = self.flow.with_dense_output(step, self.closed)
+        if not stiff:
+            step = self.flow.with_dense_output(step, self.closed)
         share, first = self.closing.first(step, np.concatenate([self.closed, self.held]))
         if self.modes is None:
             release = first_release(self.flow, self.projector, step, self.closed, share)
@@ -228,7 +233,7 @@ class EventDrivenIntegrator(MotionState):
             release = first_mode_end(self.modes, step, self.closed, share)
             # to the stop, if the step has one
             reach = min(release, share)
-            if not self.modes.defect(step, self.closed, reach, self.units) <= _LOCAL * self.tolerance:
+            if not stiff and not self.modes.defect(step, self.closed, reach, self.units) <= LOCAL * self.tolerance:
                 return None, _BEFORE_STOP * reach if self.modes.stopped >= 0 else _LEAST_FACTOR, 1.0, NO_ROWS
         if release < share:
             share, first = release, NO_ROWS
@@ -238,7 +243,7 @@ class EventDrivenIntegrator(MotionState):
         if share < 1.0:
             stops = share == release and self.modes is not None and self.modes.stopped >= 0
             crossing = self._crossing(NO_ROWS if first is pairs else first, stops)
-            exact, closes = error < _SMALL or stops, bool(first.size) and first is not pairs
+            exact, closes = stiff or error < _SMALL or stops, bool(first.size) and first is not pairs
             known = (
                 self.closing.crossing(step, share, int(first[0]), _MOST_LATE, _MOST_NEWTON)
                 if exact and closes
@@ -291,7 +296,7 @@ class EventDrivenIntegrator(MotionState):
 
     def _error(self, step: RungeKuttaStep) -> float:
         """Return the local error relative to the error that is allowed."""
-        return largest_error(step.error, step.v, self.units) / (_LOCAL * self.tolerance)
+        return largest_error(step.error, step.v, self.units) / (LOCAL * self.tolerance)
 
     def _crossing(self, first: Array, stops: bool) -> Crossing | None:
         """Return what falls through zero at an event: the gap of a row, or a slip; None if neither does."""

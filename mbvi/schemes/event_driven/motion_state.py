@@ -10,11 +10,14 @@ from ...system.parts import velocity_units
 from ...system.system import Array
 from ..step import Step
 from .finding.closing_events import ClosingEvents
+from .friction.implicit_steps import ImplicitSteps
 from .friction.modes import ContactModes
 from .observed import ContactObserver
 from .rows.contact_rows import SmoothRows
 from .runge_kutta import Flow, velocity_change
 
+# largest error of one step, relative to the tolerance
+LOCAL = 0.3
 # largest gap of a touching contact, relative to the tolerance of the scheme
 _TOUCHING = 0.01
 # rates below this count as zero, in lengths of the scene a second [1/s]
@@ -42,6 +45,8 @@ class MotionState:
         Time [s], configuration and velocity.
     modes : ContactModes or None
         Modes of the closed rows; None in problems without friction.
+    implicit : ImplicitSteps or None
+        Steps where directions of slip turn fast; None in problems without friction.
     units : ndarray, shape (nv,)
         See `velocity_units`.
     closed : ndarray of int, shape (k,)
@@ -82,6 +87,8 @@ class MotionState:
         slow, faint = SLOW * problem.length, _FAINT * tolerance * problem.length
         self.modes = ContactModes(self.flow, self.rows, slow, faint) if problem.constraints.frictional else None
         self.flow.modes = self.modes
+        local = LOCAL * tolerance
+        self.implicit = None if self.modes is None else ImplicitSteps(self.flow, self.modes, self.units, local)
         self.observed = ContactObserver(problem, self.rows)
         self.closed = self.held = self.all_touching = NO_ROWS
         self.touching = min(problem.tolerance, _TOUCHING * tolerance * problem.length)

@@ -34,7 +34,7 @@ _MOST_TURN = 4.0
 # accelerations below this are denormal numbers and count as zero
 _DENORMAL = 1e-290
 # safety factor of the travel of a coordinate, which is computed from the largest rate of all stages
-_MARGIN = 1.2
+MARGIN = 1.2
 
 
 class RungeKuttaStep(NamedTuple):
@@ -237,10 +237,10 @@ class Flow:
             motion, held = found
             fastest, error = np.empty(nv), np.empty(nv + len(a))
             take_whole_step(motion, held, self._weights, self._error_weights, h, q, v, K, fastest, error)
-            travel, end = _MARGIN * abs(h) * fastest, _reached(motion)
+            travel, end = MARGIN * abs(h) * fastest, _reached(motion)
             return RungeKuttaStep(t, h, q, v, *end, K[n, nv:], travel, K, error, _NO_DENSE)
         q1, v1 = self._take(t, q, v, h, K, 1, n + 1, closed)
-        travel = _MARGIN * abs(h) * np.abs(K[: n + 1, :nv]).max(axis=0)
+        travel = MARGIN * abs(h) * np.abs(K[: n + 1, :nv]).max(axis=0)
         fifth, third = np.abs(h * self._error_weights.dot(K[: n + 1]))
         both = np.sqrt(fifth**2 + 0.01 * third**2)
         # the combination of two estimates, of order five and three, is of order seven

@@ -48,11 +48,12 @@ def settle(state: MotionState, modes: ContactModes, rest: Array) -> Array:
     state.v = state.v + velocity_change(equations.normals.metric, kept, -(kept @ state.v))
     equations = modes.equations(state.t, state.q, state.v, rest)
     found = decide(equations, slides)
-    modes.stopped, modes.undecided = -1, found is None
+    modes.stopped, modes.undecided, modes.begins = -1, found is None, False
     if found is None:
         modes.choose(rest, np.zeros(len(rest), bool), np.zeros((len(rest), 3)))
         return rest
     closed = found.closed | (found.opening <= STAYS)
+    modes.begins = bool((closed & ~found.sticks & ~slides & (equations.mu > 0.0)).any())
     modes.choose(rest[closed], found.sticks[closed], np.vecmat(found.way, equations.axes)[closed])
     return rest[closed]
 

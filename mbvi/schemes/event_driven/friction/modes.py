@@ -96,6 +96,23 @@ class ModeEquations(NamedTuple):
         tangential[held] = f[k:]
         return ModeForces(free + f @ response, f[:k], tangential, unique)
 
+    def turned(self, sticks: Array, way: Array, found: ModeForces) -> Array:
+        """Return what unit turns of directions of slip change accelerations by, shape (k, nv).
+
+        Rows are zero where contacts stick.
+        """
+        _, metric, J, _, _ = self.normals
+        push = -np.where(sticks, 0.0, self.mu * found.normal)[:, None] * np.vecmat(aside(way), self.T)
+        kept, forced, _ = rows_of_modes(J, self.T, self.mu, sticks, way)
+        alone, response = metric.solve_rows(push), metric.solve_rows(forced)
+        f = np.linalg.lstsq(kept @ response.T, -kept @ alone.T, rcond=DEPENDENT)[0]
+        return np.asarray(alone + f.T @ response)
+
+
+def aside(way: Array) -> Array:
+    """Return directions turned by a quarter, shape (..., 2)."""
+    return np.stack([-way[..., 1], way[..., 0]], axis=-1)
+
 
 def rows_of_modes(J: Array, T: Array, mu: Array, sticks: Array, way: Array) -> tuple[Array, Array, Array]:
     """Return the rows that modes keep at a rate, those along which contacts push, and which tangents stick, (k, 2).
@@ -141,11 +158,16 @@ class ContactModes:
         The closed row whose slip vanishes at the end of the last step, as an index of `index`; -1 if none does.
     undecided : bool
         Whether no mode could be found for the present contacts.
+    begins : bool
+        Whether a contact began to slip at the last event.
+    start : tuple or None
+        Equations and forces at the start of a step; None where nothing is closed.
     """
 
     def __init__(self, flow: Flow, rows: SmoothRows, slow: float, faint: float = 0.0) -> None:
         self._flow, self._rows, self._slow, self._faint, self.system = flow, rows, slow, faint, flow.system
-        self.stopped, self.undecided = -1, False
+        self.stopped, self.undecided, self.begins = -1, False, False
+        self.start: tuple[ModeEquations, ModeForces] | None = None
         self.choose(np.zeros(0, np.int64), np.zeros(0, bool), np.zeros((0, 3)))
 
     def choose(self, index: Array, sticks: Array, way: Array) -> None:
@@ -224,10 +246,12 @@ class ContactModes:
 
     def begin(self, t: float, q: Array, v: Array, closed: Array) -> bool:
         """Begin a step: keep the directions of slip; return whether accelerations are unique."""
+        self.start = None
         if not closed.size or self.undecided:
             return not self.undecided
         equations, found = self.forces(t, q, v, closed)
         size = np.linalg.norm(equations.slip, axis=1)
         moves = ~self.sticks & self._turns(equations, size, self.kept_way(equations))
         self.way[moves] = np.vecmat(equations.slip[moves] / size[moves, None], equations.axes[moves])
+        self.start = equations, found
         return found.unique
