@@ -17,7 +17,7 @@ from .modes import ContactModes, aside
 # turns of directions in a step, as rate times length, above which steps are implicit
 _STIFF = 2.0
 # most sweeps of Newton's method; its last change, relative to the error that is allowed and to the speeds
-_MOST_SWEEPS, _EXACT, _ROUNDING = 12, 1e-2, 1e-14
+_MOST_SWEEPS, _EXACT, _ROUNDING = 15, 1e-4, 1e-14
 # sweeps after which changes must fall, and the largest turn of a direction in one [rad]
 _MOST_RISING, _MOST_TURN = 3, 0.7
 _STAGES = DEGREE
