@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
@@ -285,13 +285,22 @@ class SceneItems:
         return min(self.restitution, *self.pair_restitution.values(), 1.0) == 1.0 and not self.frictional
 
 
+def say(settings: dict[frozenset[str], Setting], pairs: Sequence[frozenset[str]], value: Setting) -> None:
+    """Set a value of some pairs, and make them the last ones that were set."""
+    for pair in pairs:
+        settings.pop(pair, None)
+        settings[pair] = value
+
+
 def _setting(pairs: Mapping[frozenset[str], Setting], a: str, b: str, common: Setting) -> Setting:
-    for first in (a, entity(a)):
-        for second in (b, entity(b)):
-            own = pairs.get(frozenset((first, second)))
-            if own is not None:
-                return own
-    return common
+    own, one_sided = frozenset((a, b)), (frozenset((a, entity(b))), frozenset((entity(a), b)))
+    if own in pairs:
+        return pairs[own]
+    found = [pair for pair in one_sided if pair in pairs]
+    if len(found) == 2:
+        # neither is nearer to the pair than the other: the last one that was said holds
+        found.sort(key=list(pairs).index, reverse=True)
+    return pairs[found[0]] if found else pairs.get(frozenset((entity(a), entity(b))), common)
 
 
 def entity(name: str) -> str:

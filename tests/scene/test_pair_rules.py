@@ -169,3 +169,30 @@ def test_a_link_of_several_shapes_goes_by_its_name(tmp_path):
     scene.set_friction("robot/palm", "floor", 0.5)
     family = next(f for f in scene.build().constraints.families if f.name(0).endswith("floor"))
     assert np.asarray(family.friction).tolist() == [0.5, 0.5]
+
+
+@pytest.mark.parametrize("last", [0, 1])
+@pytest.mark.parametrize("said_before", [False, True])
+@pytest.mark.parametrize("turned", [False, True])
+def test_of_settings_equally_near_to_a_pair_the_last_said_holds(last, said_before, turned):
+    """One names a body and a group, the other the other group and a body: the order of the bodies does not matter."""
+    scene = mbvi.Scene(gravity=(0, 0, 0))
+    groups = [("up", (0, 0, 1.0), (0, 0, -1)), ("down", (0, 0, 0), (0, 0, 0))]
+    for name, at, velocity in groups[::-1] if turned else groups:
+        scene.add_boxes([at], (0.2, 0.2, 0.2), 1.0, velocities=[velocity], name=name)
+    settings = [("up[0]", "down", 1.0), ("up", "down[0]", 0.5)]
+    if said_before:
+        # what is said once more is the last said
+        scene.set_restitution(*settings[last])
+        scene.set_friction(*settings[last])
+    for names in (settings[1 - last], settings[last]):
+        scene.set_restitution(*names)
+        scene.set_friction(*names)
+    problem = scene.build()
+    run = mbvi.simulate(problem, mbvi.Paoli(), step=1e-2, duration=1.0)
+    e = settings[last][2]
+    assert run.impacts
+    np.testing.assert_allclose(run.impacts[0].after, -e * run.impacts[0].before, rtol=1e-12)
+    rows = problem.constraints.active(0.0, problem.q0, 1.0)
+    assert rows.tangents is not None
+    assert (rows.tangents.friction == e).all()
