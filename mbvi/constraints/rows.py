@@ -183,13 +183,17 @@ def nearest_going_on(
 
 
 def points_going_on(rows: Rows, others: Rows, owner: Array) -> Array:
-    """Return the points of rows, or of what `nearest_going_on` finds for each among the others, shape (k, 3)."""
+    """Return the points of rows, or of what `nearest_going_on` finds for each among the others, shape (k, 3).
+
+    What goes on is a contact of another constraint: one of the same would be another corner of the same two shapes.
+    """
     point, J, K = rows.point.copy(), rows.jacobian, others.jacobian
     # among many bodies, whose rows are sparse, this takes too long
     if isinstance(J, np.ndarray) and isinstance(K, np.ndarray):
         found = plain_array(others.point), plain_array(others.normal), plain_array(K)
         for a in range(len(point)):
-            b = nearest_going_on(rows.point[a], rows.normal[a], J[a], *found, owner)
+            left_out = np.concatenate([owner, np.flatnonzero(others.constraint == rows.constraint[a])])
+            b = nearest_going_on(rows.point[a], rows.normal[a], J[a], *found, left_out)
             point[a] = others.point[b] if b >= 0 else point[a]
     return point
 

@@ -81,9 +81,14 @@ def rows_in_the_middle(s: MechanismStep, middle: Array, change: Array) -> int:
             copy_row(here, owner[a], rows)
         else:
             # a contact without a counterpart in the middle is taken at the place where it is at the end, or where one
-            # that goes on from it is, as before the joint of two tiles
+            # that goes on from it is, as before the joint of two tiles. One of the same constraint is another corner
+            left_out = np.full(m + n, -1)
+            left_out[:m] = owner
+            for b in range(n):
+                if here.number[b] == rows.number[a]:
+                    left_out[m + b] = b
             b = nearest_going_on(
-                rows.point[a], rows.normal[a], rows.J[a], here.point[:n], here.normal[:n], here.J[:n], owner
+                rows.point[a], rows.normal[a], rows.J[a], here.point[:n], here.normal[:n], here.J[:n], left_out
             )
             for k in range(3 if b >= 0 else 0):
                 rows.point[a, k] = here.point[b, k]
