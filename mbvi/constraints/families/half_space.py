@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...compiled import kernel
-from ...geometry.narrow.collinear import unique_along
+from ...geometry.narrow.collinear import unique_kinds_along
 from ...geometry.narrow.spread import FEW_POINTS
 from ...geometry.narrow.support_points import Points, each_point_below, lowest, points_below, spread_below, stand
 from ...geometry.shapes.flat_faces import ManyCorners
@@ -209,8 +209,8 @@ class HalfSpaceContacts(Pairs):
             axes = (placed.rotation * half_axes[:, None, :]).transpose(0, 2, 1).reshape(-1, 9)
             graph = graph_of(placed.shape, len(points))
             if lines is not None:
-                # a rim with its centre on such a line may be left out too: its lowest point is another fixed point
-                kept = unique_along(points, lines[pair])
+                # a rim stays beside fixed points on the line through its centre: while it is tilted they do not count
+                kept = unique_kinds_along(points, np.asarray(half_axes.any(axis=1)), lines[pair])
                 self.collinear_points += len(points) - len(kept)
                 points, axes, graph = points[kept], axes[kept], no_graph(len(kept))
             rest = np.tile([*wall.normal, radius, wall.offset + radius], (len(points), 1))

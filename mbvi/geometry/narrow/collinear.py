@@ -29,6 +29,22 @@ def unique_along(points: Array, line: Array) -> Array:
     return kept[: first_of_lines(plain_array(points), plain_array(line), kept)]
 
 
+def unique_kinds_along(points: Array, kind: Array, line: Array) -> Array:
+    """Return what `unique_along` keeps of the points that are not of a kind, then of those that are.
+
+    Parameters
+    ----------
+    points : ndarray, shape (k, 3)
+        The points.
+    kind : ndarray of bool, shape (k,)
+        Which of them are of the kind; these come last.
+    line : ndarray, shape (3,)
+        The unit direction.
+    """
+    both = np.flatnonzero(~kind), np.flatnonzero(kind)
+    return np.concatenate([some[unique_along(points[some], line)] for some in both])
+
+
 @kernel("i8(f8[:,::1], f8[::1], i8[::1])")
 def first_of_lines(points: Array, line: Array, kept: Array) -> int:
     """Write the indices that `unique_along` returns into the first places of `kept`; return how many."""
