@@ -151,6 +151,11 @@ def crossing(rng):
     return scene.points, 0, 1, scene.mesh.vertices, *(int(c) for c in scene.mesh.triangles[t, :2]), EPS, np.zeros(12)
 
 
+def crossing_beyond(rng):
+    points, a, b, vertices, c, d, eps, out = crossing(rng)
+    return vertices, points, a, b, c, d, eps, out
+
+
 def across_ridge(rng):
     scene = Scene(rng)
     t, k = ridge_of(scene)
@@ -490,6 +495,7 @@ SURFACE_ARGUMENTS = {
     "on_triangle": on_triangle,
     "on_core_face": on_core_face,
     "crossing": crossing,
+    "crossing_beyond": crossing_beyond,
     "across_ridge": across_ridge,
     "above_triangle": above_triangle,
     "from_segment": from_segment,

@@ -17,6 +17,8 @@ from .surface_features import BESIDE, above, shared_side
 
 # sine of the angle of two edges below which nothing is said of them, and what rounding leaves of a bound
 _ASKEW, _ROUNDED = 1e-3, 0.999
+# how far beyond the ends of a ridge rows go on at most, relative to the greatest depth
+_BEYOND = 1.01
 
 
 @kernel("f8(CoresAtMesh, i8, i8, i8, f8[::1])")
@@ -153,13 +155,15 @@ def edge_clearance(at: CoresAtMesh, s: int, t: int, k: int, e: int, middle: Arra
     far = max(far, min(outwards, apart))
     # edges do not cross while both ends of one are on one side of the other
     far = max(far, ends_beside(one, cosine, sine, ru, rw, square, 1.0, bend))
+    # in the corner of a hole rows go on beyond the ends of a ridge, see `across_ridge`
     # seen from the core points far from it move farther
-    most = 0.0
+    more, most = _BEYOND * cores.sizes[s, 4], 0.0
     for i in range(2):
-        foot = i * two * cosine - ru
+        foot = (i * two + (2 * i - 1) * more) * cosine - ru
         most = max(most, away + 2.0 * foot * mu + foot * foot)
-    still = max(1.0, np.sqrt(most) / lever)
-    return max(far, ends_beside(two, cosine, sine, -rw, -ru, square, still, bend + 1.0 / lever))
+    still, square = max(1.0, np.sqrt(most) / lever), square + 2.0 * more * rw + more * more
+    first, beside = -rw - more, -ru - more * cosine
+    return max(far, ends_beside(two + 2.0 * more, cosine, sine, first, beside, square, still, bend + 1.0 / lever))
 
 
 @kernel("f8(CoresAtMesh, f8[:,:,::1], i8, i8, f8[::1])")

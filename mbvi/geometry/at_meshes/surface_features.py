@@ -201,6 +201,25 @@ def crossing(points: Array, a: int, b: int, vertices: Array, c: int, d: int, eps
     return True
 
 
+@kernel("b1(f8[:,::1], f8[:,::1], i8, i8, i8, i8, f8, f8[::1])")
+def crossing_beyond(vertices: Array, points: Array, a: int, b: int, c: int, d: int, eps: float, out: Array) -> bool:
+    """Do what `crossing` does, where the edge of the mesh is longer at both ends by that of the core.
+
+    Distances from the ends c and d are below zero beyond them.
+    """
+    longer, one, two = np.empty((2, 3)), 0.0, 0.0
+    for i in range(3):
+        one, two = one + (points[b, i] - points[a, i]) ** 2, two + (vertices[d, i] - vertices[c, i]) ** 2
+    more, two = np.sqrt(one), np.sqrt(two)
+    for i in range(3):
+        along = more / two * (vertices[d, i] - vertices[c, i])
+        longer[0, i], longer[1, i] = vertices[c, i] - along, vertices[d, i] + along
+    if not crossing(points, a, b, longer, 0, 1, eps, out):
+        return False
+    out[9], out[10] = out[9] - more, out[10] - more
+    return True
+
+
 @kernel("b1(Creases, Cores, i8, i8, f8[:,::1], f8[:,::1], f8[::1], i8, i8, i8, f8, f8, f8[::1])")
 def across_ridge(
     mesh: Creases, cores: Cores, first_point: int, first_face: int, points: Array, faces: Array, middle: Array, t: int,
@@ -219,7 +238,9 @@ def across_ridge(
     """
     a, b = cores.edges[edge, 0] - first_point, cores.edges[edge, 1] - first_point
     c, d = mesh.triangles[t, k], mesh.triangles[t, (k + 1) % 3]
-    if not crossing(points, a, b, mesh.vertices, c, d, eps, out):
+    if not crossing(points, a, b, mesh.vertices, c, d, eps, out) and not (
+        cores.edges[edge, 2] >= 0 and crossing_beyond(mesh.vertices, points, a, b, c, d, eps, out)
+    ):
         return False
     planes, u = mesh.planes, mesh.beyond[t, k]
     outward = 0.0
@@ -231,6 +252,15 @@ def across_ridge(
     x, y, z, gap = out[3], out[4], out[5], out[6]
     if not in_arc(mesh, t, k, x, y, z):
         return False
+    for end in range(2):
+        v = c if end == 0 else d
+        # beyond an end is the solid if the mesh rises there above what the normal is across to: in the corner of a hole
+        if out[9 + end] < -eps and (
+            gap > margin
+            or out[9 + end] < -margin - max(-gap, 0.0)
+            or (mesh.peak[v] >= 0 and in_cone(mesh, mesh.peak[v], x, y, z, BESIDE))
+        ):
+            return False
     if cores.edges[edge, 2] < 0:
         return gap > 0.0
     e0, e1, e2 = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1], points[b, 2] - points[a, 2]
