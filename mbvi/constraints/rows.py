@@ -182,17 +182,19 @@ def nearest_going_on(
     return best
 
 
-def points_going_on(rows: Rows, others: Rows, owner: Array) -> Array:
+def points_going_on(rows: Rows, others: Rows, owner: Array, reach: float) -> Array:
     """Return the points of rows, or of what `nearest_going_on` finds for each among the others, shape (k, 3).
 
-    What goes on is a contact of another constraint: one of the same would be another corner of the same two shapes.
+    Of the same constraint only what is no farther than a length goes on: the rest are other corners of the same shapes.
     """
     point, J, K = rows.point.copy(), rows.jacobian, others.jacobian
     # among many bodies, whose rows are sparse, this takes too long
     if isinstance(J, np.ndarray) and isinstance(K, np.ndarray):
         found = plain_array(others.point), plain_array(others.normal), plain_array(K)
         for a in range(len(point)):
-            left_out = np.concatenate([owner, np.flatnonzero(others.constraint == rows.constraint[a])])
+            away = others.point - rows.point[a]
+            corners = (others.constraint == rows.constraint[a]) & (np.vecdot(away, away) > reach * reach)
+            left_out = np.concatenate([owner, np.flatnonzero(corners)])
             b = nearest_going_on(rows.point[a], rows.normal[a], J[a], *found, left_out)
             point[a] = others.point[b] if b >= 0 else point[a]
     return point

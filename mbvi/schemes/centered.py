@@ -175,6 +175,6 @@ def _rows_in_the_middle(problem: Problem, t: float, q: Array, ahead: Rows, chang
     # a contact without a counterpart in the middle is taken at the place where it is at the end, or where one that goes
     # on from it is, as before the joint of two tiles
     rest = take(ahead._replace(gap=ahead.gap - change), ~found)
-    rest = problem.constraints.at_places(t, q, rest._replace(point=points_going_on(rest, here, owner)))
+    rest = problem.constraints.at_places(t, q, rest._replace(point=points_going_on(rest, here, owner, reach)))
     order = np.argsort(np.concatenate([np.flatnonzero(found), np.flatnonzero(~found)]))
     return take(concatenate([take(here, owner[found]), rest]), order)

@@ -81,11 +81,14 @@ def rows_in_the_middle(s: MechanismStep, middle: Array, change: Array) -> int:
             copy_row(here, owner[a], rows)
         else:
             # a contact without a counterpart in the middle is taken at the place where it is at the end, or where one
-            # that goes on from it is, as before the joint of two tiles. One of the same constraint is another corner
+            # that goes on from it is, as before the joint of two tiles; far ones of its constraint are other corners
             left_out = np.full(m + n, -1)
             left_out[:m] = owner
             for b in range(n):
-                if here.number[b] == rows.number[a]:
+                away = 0.0
+                for k in range(3):
+                    away += (here.point[b, k] - rows.point[a, k]) ** 2
+                if here.number[b] == rows.number[a] and away > reach * reach:
                     left_out[m + b] = b
             b = nearest_going_on(
                 rows.point[a], rows.normal[a], rows.J[a], here.point[:n], here.normal[:n], here.J[:n], left_out
