@@ -46,6 +46,20 @@ def test_other_joints_are_left_alone_and_trajectories_are_followed():
     np.testing.assert_allclose(system.control(0.5, q, v), expected, rtol=1e-15)
 
 
+def test_some_joints_of_an_arm_by_name():
+    """Two joints, with others before and after them, under every scheme of fixed steps that checks gains."""
+    scene = mbvi.Scene(gravity=(0, 0, 0))
+    hold = mbvi.PDControl({"joint2": 0.3, "joint4": -0.2}, 50.0, 5.0)
+    scene.add_urdf("robot:arm", base="fixed", control=hold, joints={"joint2": 0.3, "joint4": -0.2})
+    problem = scene.build()
+    run = mbvi.simulate(problem, step=1e-3, duration=0.05)
+    np.testing.assert_allclose(run.q[-1], problem.q0, rtol=0, atol=1e-12)
+    system = problem.system.mechanisms[0] if hasattr(problem.system, "mechanisms") else problem.system
+    torque, expected = system.control(0.0, problem.q0 - 0.1, np.ones(system.nv)), np.zeros(system.nv)
+    expected[[1, 3]] = 50.0 * 0.1 - 5.0
+    np.testing.assert_allclose(torque, expected, rtol=0, atol=1e-12)
+
+
 def test_effort_limits_are_those_of_the_file():
     system = falling(mbvi.PDControl({"knee": 2.0}, 1e6, 0.0, limit="effort")).system
     assert system.control(0.0, np.zeros(9), np.zeros(8)).tolist() == [0.0] * 7 + [30.0]

@@ -11,6 +11,7 @@ import pinocchio as pin
 from ...arguments import shown
 from ...errors import InputError
 from ..control_table import ControlTable
+from ..joint_forces import no_forces
 from ..system import Array
 
 
@@ -87,7 +88,9 @@ def expanded(
         full[..., here] = getattr(table, key)
     if effort_limits:
         values["limit"][here] = _efforts(model, rates, name)
-    return table._replace(position=_positions(model)[first:], **values)
+    return table._replace(
+        position=_positions(model)[first:], actuators=no_forces(width), springs=no_forces(width), **values
+    )
 
 
 def _rate_of(model: pin.Model, joint: str, name: str) -> int:
