@@ -20,6 +20,8 @@ from .run_data import Array, RunData
 _FINER, _COMMON = 65, 7
 # its tolerance over that of the first: at a tenth both often take the same steps; steps of order 2 are dearer
 _STRICTER, _STRICTER_ADAPTIVE = 1e-3, 1e-2
+# its longest step over that of the first, because slow motion takes the longest steps at any tolerance
+_SHORTER = 0.5
 # part of a step by which times of states differ by rounding
 _SAME = 1e-3
 
@@ -91,6 +93,8 @@ def _estimated(run: RunData) -> ErrorEstimate:
     if isinstance(scheme, OwnStepsScheme):
         compared, finer = np.arange(len(run.t)), _stricter(scheme)
         other, second = again(problem, finer, duration=duration), repr(finer)
+        if isinstance(finer, Adaptive):
+            second += f" with steps of at most {finer.longest:g} s"
     else:
         step, every, compared = run.step * _COMMON / _FINER, *_common(run)
         other = again(problem, scheme, duration=duration, step=step, every=_FINER * every)
@@ -146,7 +150,10 @@ def _stricter(scheme: OwnStepsScheme) -> OwnStepsScheme:
             f"no second run of {scheme.name} is ten times more accurate than {scheme!r}: take a tolerance of "
             f"{10 * strictest:.0e} or above"
         )
-    return type(scheme)(stricter)
+    finer = type(scheme)(stricter)
+    if isinstance(finer, Adaptive):
+        finer.longest = _SHORTER * finer.longest
+    return finer
 
 
 def _fork(run: RunData) -> tuple[float, str]:

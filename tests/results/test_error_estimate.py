@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 import mbvi
 from mbvi import reference
@@ -56,6 +57,21 @@ def test_the_estimate_is_within_a_factor_of_ten_of_the_true_error(rng, scheme, r
     assert len(ratios) >= 12
     assert np.mean((ratios > 0.1) & (ratios < 10.0)) >= 0.95
     assert 0.5 < np.median(ratios) < 2.0
+
+
+@pytest.mark.parametrize("tolerance", [0.1, 1e-2, 1e-3])
+def test_slow_motion_has_an_error_too(tolerance):
+    """The longest steps are short enough for any tolerance, and a second run with these would differ by nothing."""
+    length, start = 4.0, 0.8
+    system = mbvi.LagrangianSystem(lambda q: length**2 * np.eye(1), lambda t, q, v: -9.81 * length * np.sin(q), 1)
+    run = mbvi.simulate(mbvi.Problem(system, [], [start], [0.0]), mbvi.Adaptive(tolerance), duration=2.0)
+
+    def rates(t, y):
+        return y[1], -9.81 / length * np.sin(y[0])
+
+    exact = solve_ivp(rates, (0.0, 2.0), (start, 0.0), "DOP853", run.t, rtol=1e-13, atol=1e-14).y[0]
+    true = np.abs(run.q[:, 0] - exact).max()
+    assert 0.1 < run.error_estimate().largest / true < 10.0
 
 
 @pytest.mark.parametrize("phase", np.linspace(0.02, 0.98, 13))

@@ -24,12 +24,14 @@ from .judgement import Verdict, judged
 from .landing import acceleration_at, flight_time, instants_within, landing_time, missed_time, stop_time
 from .measure import Measure
 
-# the first step, and the longest [s]
-_FIRST, _LONGEST = 1e-3, 0.05
+# the first step [s]
+_FIRST = 1e-3
 # how much a step may grow and shrink, what is left of one that is tried again, and the part of the longest good one
 _GROWTH, _SHRINK, _RETRY, _SAFE = 4.0, 0.2, 0.7, 0.85
 # by how much each further step in a row at the shortest length is longer
 _LONGER = 2.0
+# part of the shortest step down to which steps are tried in which nothing lands, opens or stops: forces may be stiff
+_FINEST = 1e-3
 # parts of the time to a landing that are tried one after the other, should it come before it was predicted
 _CUTS = 1.0, 0.97, 0.8, 0.5
 # v . v at which a run has diverged
@@ -123,6 +125,8 @@ class AdaptiveIntegrator:
         passed(before, after, h) is the part of a step after which a body would pass through another, 1 if none does.
     stop : callable, optional
         stop(stride) is the time within a step at which the motion shall end, None if it goes on.
+    longest : float
+        Longest step [s].
 
     Attributes
     ----------
@@ -134,8 +138,9 @@ class AdaptiveIntegrator:
 
     def __init__(
         self, problem: Problem, tolerance: float, projector: Projector, start: Step, passed: Passed,
-        stop: Stop | None = None,
+        stop: Stop | None = None, longest: float = np.inf,
     ) -> None:  # fmt: skip
+        self._longest = longest
         self._problem, self._projector, self._passed, self._stop = problem, projector, passed, stop
         self._measure = Measure(problem, tolerance)
         self._scheme = HoldingCentered(self._measure)
@@ -201,7 +206,7 @@ class AdaptiveIntegrator:
         wanted, cuts, cut, growth = self._h, 0, False, _GROWTH
         floor = measure.shortest(speed) * _LONGER ** min(self._short, 60)
         while True:
-            h = min(wanted, end - t, _LONGEST)
+            h = min(wanted, end - t, self._longest)
             if self._hunts and not cuts:
                 # the remaining way to a landing
                 time = landing_time(problem, measure, t, q, v, near.resting, h, projector)
@@ -221,7 +226,7 @@ class AdaptiveIntegrator:
                 continue
             verdict = self._judged(found, near, slips, h, speed)
             keeps = verdict.sound and verdict.error <= measure.step
-            if shortest:
+            if shortest and (keeps or not verdict.smooth or h <= _FINEST * floor):
                 break
             missed = None
             if keeps and not verdict.lands:
@@ -278,7 +283,7 @@ class AdaptiveIntegrator:
         speed = max(speed, self._measure.size(second.v))
         start = Step(self.t, self.q, self.v, self._problem.constraints.empty, NO_RATES, 0.0)
         if self._passed(start, second, h) < 1.0:
-            return Verdict(second._replace(t=self.t + h), 0.0, 1.0, True, False)
+            return Verdict(second._replace(t=self.t + h), 0.0, 1.0, True, False, False)
         problem, measure, least = self._problem, self._measure, self._measure.slides(speed) / self._problem.length
         verdict = judged(problem, measure, found, near.resting, self.q, self.v, self.t + h, speed, self._order)
         if slips is None:

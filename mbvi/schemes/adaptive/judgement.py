@@ -38,6 +38,8 @@ class Verdict(NamedTuple):
     sound : bool
         Whether the difference of the states says what the error is: not where a body has passed a contact without
         landing, or a contact has reversed its slip.
+    smooth : bool
+        Whether the same contacts are closed throughout the step, so that shorter steps have smaller errors.
     """
 
     step: Step
@@ -45,6 +47,7 @@ class Verdict(NamedTuple):
     power: float
     lands: bool
     sound: bool
+    smooth: bool
 
 
 class _Better(NamedTuple):
@@ -93,7 +96,7 @@ def judged(
     error = max(error, _BETWEEN * _error_between(problem, measure, found, (q, v), new))
     sinks, turns = _sinks(problem, measure, resting, new), any(reverses for _, reverses in unseen)
     turns = turns or _reverses(problem, measure, resting, v, new, still)
-    return Verdict(new, error, power, landed or sinks, not sinks and not turns)
+    return Verdict(new, error, power, landed or sinks, not sinks and not turns, better is not None)
 
 
 def _error_between(problem: Problem, measure: Measure, found: Doubled, before: tuple[Array, Array], new: Step) -> float:

@@ -34,11 +34,14 @@ class Adaptive(OwnStepsScheme):
     all closed contacts at once. Contacts whose rebound is slower than a twentieth of the tolerance come to rest. A step
     within which a contact stops to slide ends there.
 
-    Steps shorter than a tenth of the time in which bodies move by the tolerance are accepted as they are. Many such
-    steps in a row become longer; the run's notes count them, and say where the tolerance is not kept.
+    Steps shorter than a tenth of the time in which bodies move by the tolerance are accepted as they are; where the
+    same contacts are closed throughout, below a thousandth of that, because forces may be stiff. Many such steps in a
+    row become longer; the run's notes count them, and say where the tolerance is not kept.
     """
 
     strictest = 1e-6
+    # longest step [s]
+    longest = 0.05
 
     def __init__(self, tolerance: float = 1e-3) -> None:
         super().__init__(tolerance)
@@ -47,4 +50,4 @@ class Adaptive(OwnStepsScheme):
         self, problem: Problem, projector: Projector, start: Step, passed: Passed, stop: Stop | None = None
     ) -> AdaptiveIntegrator:
         """Return an integrator at the initial state of a run; see `AdaptiveIntegrator`."""
-        return AdaptiveIntegrator(problem, self.tolerance, projector, start, passed, stop)
+        return AdaptiveIntegrator(problem, self.tolerance, projector, start, passed, stop, self.longest)
