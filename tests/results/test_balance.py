@@ -130,6 +130,43 @@ def test_bodies_in_a_plane(compiled):
     np.testing.assert_array_less(off, 1e-12)
 
 
+def of_adaptive(tolerance):
+    """Runs of a ball that slides over another, and of a box that falls back from its edge."""
+    dome = mbvi.Scene()
+    dome.add_sphere(1.0, position=(0, 0, 0), fixed=True, name="dome")
+    dome.add_sphere(0.1, 2.0, (1.1 * np.sin(0.2), 0, 1.1 * np.cos(0.2)), (0, 0.5, 0), name="ball")
+    yield "ball", mbvi.simulate(dome.build(), mbvi.Adaptive(tolerance), duration=0.5, record="contacts")
+    tips, turn = mbvi.Scene(friction=0.8), Rotation.from_rotvec([0, 0.15, 0])
+    tips.add_halfspace((0, 0, 1), name="floor")
+    high = 0.1 * np.sin(0.15) + 0.3 * np.cos(0.15)
+    tips.add_box((0.2, 0.2, 0.6), 2.0, position=(0, 0, high), rotation=turn.as_matrix(), name="box")
+    yield "box", mbvi.simulate(tips.build(), mbvi.Adaptive(tolerance), duration=0.3, record="contacts")
+
+
+@pytest.mark.parametrize("tolerance", [1e-2, 1e-3])
+def test_error_control(tolerance):
+    """States are extrapolated from steps and their halves, and so are forces; impacts take no time."""
+    for name, run in of_adaptive(tolerance):
+        dt = np.diff(run.t)
+        change = 2.0 * (np.diff(run.v[:, :3], axis=0) - G * dt[:, None])
+        recorded = dt[:, None] * run.contact_forces(name)[1:, :3]
+        flight = dt > 0.0
+        np.testing.assert_allclose(recorded[flight], change[flight], rtol=0, atol=1e-12)
+        assert np.abs(run.record.contacts.corrections.wrench).max() > 1e-5
+
+
+def test_impacts_of_error_control_have_all_that_strikes():
+    """A ball slides below an overhang: the floor bears a part of the impact that is less than its load in a step."""
+    scene = mbvi.Scene()
+    scene.add_halfspace((0, 0, 1), name="floor")
+    scene.add_halfspace((-1, 0, -0.003), -0.1, name="overhang")
+    scene.add_sphere(0.1, 2.0, (-1.0, 0, 0.1), (2.0, 0, 0), name="ball")
+    run = mbvi.simulate(scene.build(), mbvi.Adaptive(1e-2), duration=0.6)
+    (impact,) = run.impacts
+    assert sorted(impact.constraints) == ["ball | floor", "ball | overhang"]
+    np.testing.assert_allclose(impact.percussion @ impact.normal, [-4.0, 0.0, 0.0], atol=1e-4)
+
+
 @pytest.mark.parametrize("e", [0.0, 0.5])
 def test_means_over_several_steps(e, compiled):
     """Without friction moments are those of several percussions at the mean of their points."""

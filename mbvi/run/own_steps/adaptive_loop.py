@@ -19,6 +19,8 @@ from ...schemes.event_driven.runge_kutta import DEGREE
 from ...schemes.observer import contacts_of_step
 from ..accuracy import residual_note
 from ..fixed_steps.switching import SwitchedRecorder, Switching, switch_connections
+from ..recording.impact_rows import RecentPercussions
+from ..recording.recorder import RECENT
 from ..start import initial_step
 from ..tunnelling import TunnellingGuard
 from .located import LocatedSwitches
@@ -56,10 +58,12 @@ class _AdaptiveRecorder(SwitchedRecorder):
             return
         self.keep()
         self._make_room()
-        # percussions of impacts belong to no interval of time
-        log, self.contacts = self.contacts, None
+        # percussions of impacts belong to no interval of time, and what rows carried before has no part in them
+        log, recent, loaded = self.contacts, self.recent, part.step.percussion > 0.0
+        self.contacts, self.recent, self.last = None, RecentPercussions(RECENT), None
         self.step(part.step, False)
-        self.contacts, self._since = log, 1
+        recent.add(part.step.active.constraint, part.step.percussion, loaded)
+        self.contacts, self.recent, self._since = log, recent, 1
         self.keep()
 
     def keep(self) -> None:

@@ -13,6 +13,7 @@ from ...problem import Problem
 from ...projection import Metric
 from ...system.free.sparse_rows import dense
 from ...system.system import Array
+from ..positions.corrections import wrenches
 from .doubling import LARGEST
 from .measure import Measure
 
@@ -61,6 +62,8 @@ class Returned(NamedTuple):
         Gradients of the contacts, and these followed by the tangents of those that stick.
     pushes : ndarray, shape (m, nv)
         Directions in which the contacts act: `held`, where a contact slips with its friction.
+    wrench : ndarray, shape (k, 6)
+        What the return of the velocity takes from each contact, as `Step.correction` [N s, N m s].
     """
 
     q: Array
@@ -69,6 +72,7 @@ class Returned(NamedTuple):
     normals: Array
     held: Array
     pushes: Array
+    wrench: Array
 
     def along(self, displacement: Array, change: Array) -> tuple[Array, Array]:
         """Return what a displacement and a change of velocity, both of shape (nv,), have along the contacts."""
@@ -116,21 +120,33 @@ def returned(
         normals = dense(rows.jacobian)
         q = system.integrate(q, _least(metric, normals, normals, -rows.gap))
     normals = dense(rows.jacobian)
-    J, pushes, speeds = normals, normals, rows.speeds(v)
+    J, pushes, speeds, slipping = normals, normals, rows.speeds(v), None
     if rows.tangents is not None:
         along, slip = dense(rows.tangents.sliding().jacobian).reshape(count, 2, -1), rows.tangents.slip(v)[:, :2]
         # a contact that slips pushes against its slip, too: the velocity returns as an impact would let it
         slip[sticks] = 0.0
         direction = slip / np.maximum(np.sqrt((slip * slip).sum(axis=1)), _NO_SLIP)[:, None]
-        friction = np.einsum("kj,kjn->kn", direction, along)
-        slipping = normals - rows.tangents.friction[:, None] * friction
+        slipping = -rows.tangents.friction[:, None] * direction
         J = np.concatenate([normals, along[sticks].reshape(-1, system.nv)])
-        pushes = np.concatenate([slipping, along[sticks].reshape(-1, system.nv)])
+        pushes = np.concatenate(
+            [normals + np.einsum("kj,kjn->kn", slipping, along), along[sticks].reshape(-1, system.nv)]
+        )
         speeds = np.concatenate([speeds, rows.tangents.slip(v)[sticks, :2].ravel()])
-    return Returned(q, v - _least(metric, J, pushes, speeds), metric, normals, J, pushes)
+    impulses, solved = _impulses(metric, J, pushes, -speeds)
+    if slipping is not None:
+        slipping = impulses[:count, None] * slipping
+        slipping[sticks] = impulses[count:].reshape(-1, 2)
+    wrench = wrenches(rows, np.arange(count), impulses[:count], slipping)
+    return Returned(q, v + impulses @ solved, metric, normals, J, pushes, wrench)
 
 
 def _least(metric: Metric, J: Array, pushes: Array, change: Array) -> Array:
     """Return a tangent vector w with J w = change, M w a sum of pushes; where rows depend on each other, nearly."""
+    impulses, solved = _impulses(metric, J, pushes, change)
+    return np.asarray(impulses @ solved)
+
+
+def _impulses(metric: Metric, J: Array, pushes: Array, change: Array) -> tuple[Array, Array]:
+    """Return the factors of the pushes in the sum that is M w, and M^-1 times each; see `_least`."""
     solved = metric.solve_rows(pushes)
-    return np.asarray(lstsq(J @ solved.T, change, rcond=_DEPENDENT)[0] @ solved)
+    return lstsq(J @ solved.T, change, rcond=_DEPENDENT)[0], solved

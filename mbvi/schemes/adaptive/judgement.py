@@ -11,6 +11,7 @@ from ...constraints.rows import match_contacts
 from ...problem import Problem
 from ...system.system import Array
 from ..step import Step
+from .balance import with_balance
 from .closed import returned
 from .cubic import POWERS, cubic
 from .doubling import Doubled, common_contacts, hidden, lands
@@ -146,7 +147,8 @@ def _extrapolated(
     if better is None:
         return None
     rows = second.active
-    step = second._replace(active=rows._replace(gap=np.where(contacts.closed, 0.0, rows.gap)))
+    step = with_balance(found, contacts.closed, better.wrench)
+    step = step._replace(active=rows._replace(gap=np.where(contacts.closed, 0.0, rows.gap)))
     # what differs across contacts is removed by the return
     return _Better(better.q, better.v, measure.error(*better.along(d, change), speed), 0.5, step)
 

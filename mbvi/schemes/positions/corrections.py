@@ -298,12 +298,12 @@ def with_corrections(problem: Problem, law: Step, before: Step, step: Step, orde
         J, w, v = J @ to_space.T, to_space @ w, to_space @ v
     data, columns, starts = sparse_parts(J)
     percussion, slip = law.percussion[order], None if law.slip is None else law.slip[0, order]
-    wrench, turned = _wrenches(law.active, order, percussion, slip), slip
+    wrench, turned = wrenches(law.active, order, percussion, slip), slip
     if slip is not None and law.active.tangents is not None and step.active.tangents is not None:
         turned = along_axes(slip, law.active.tangents.axes[order], step.active.tangents.axes)
     every = np.arange(k)
-    own = _wrenches(step.active, every, percussion, turned)
-    known = _wrenches(step.active, every, step.percussion, None if step.slip is None else step.slip[0]) - own
+    own = wrenches(step.active, every, percussion, turned)
+    known = wrenches(step.active, every, step.percussion, None if step.slip is None else step.slip[0]) - own
     acts = np.zeros(k, bool)
     acts[np.repeat(every, np.diff(starts))[(data != 0.0) & (bodies.owner[columns] >= 0)]] = True
     wrench = np.where(acts[:, None], wrench - own, 0.0)
@@ -313,7 +313,7 @@ def with_corrections(problem: Problem, law: Step, before: Step, step: Step, orde
     return step._replace(correction=wrench)
 
 
-def _wrenches(rows: Rows, index: Array, percussion: Array, slip: Array | None) -> Array:
+def wrenches(rows: Rows, index: Array, percussion: Array, slip: Array | None) -> Array:
     """Return the wrenches of percussions along some of the rows, shape (k, 6); `slip` is that of `Step`, or None."""
     k, wrench, tangents, none = len(index), np.zeros((len(index), 6)), rows.tangents, np.zeros(0)
     axes = np.zeros((k, 2, 3)) if tangents is None else plain_array(tangents.axes[index])
