@@ -1,4 +1,4 @@
-"""Stiff forces: the shortest step of `Adaptive` does not end its error control where nothing lands."""
+"""Forces that are stiff, and that jump, under `Adaptive`."""
 
 import numpy as np
 import pytest
@@ -37,3 +37,16 @@ def test_an_arm_under_a_strong_control_moves_as_located_at_order_eight():
     exact = mbvi.simulate(problem, mbvi.EventDriven(1e-8), duration=0.1).q[-1]
     run = mbvi.simulate(problem, mbvi.Adaptive(1e-2), duration=0.1)
     assert np.abs(run.q[-1] - exact).max() < 1e-2
+
+
+@pytest.mark.parametrize("tolerance", [1e-2, 1e-4])
+@pytest.mark.parametrize("start", np.linspace(0.31, 0.36, 6))
+def test_a_force_that_jumps_is_noticed_anywhere_in_a_step(start, tolerance):
+    """A pulse changes the momentum by its force times its duration, whichever parts of steps it begins and ends in."""
+    scene = mbvi.Scene(gravity=(0, 0, 0))
+    scene.add_sphere(0.1, mass=1.0, position=(0, 0, 1), name="ball")
+    scene.add_force("ball", lambda t, q, v: [10.0 if start <= t < start + 0.2 else 0.0, 0.0, 0.0])
+    problem = scene.build()
+    run = mbvi.simulate(problem, mbvi.Adaptive(tolerance), duration=1.0)
+    # relative to the largest velocity, which is the last
+    assert abs(run.v[-1, 0] - 2.0) < 2.0 * tolerance

@@ -14,6 +14,7 @@ from ...constraints.rows import take
 from ...errors import DivergedError, ProjectionError
 from ...problem import Problem
 from ...projection import FreeMotion, Projector
+from ...system.lagrangian import LagrangianSystem
 from ...system.system import Array
 from ..step import NO_RATES, Step, law
 from .closed import Near, near_rows, returned
@@ -149,6 +150,8 @@ class AdaptiveIntegrator:
         self._h = _FIRST
         # controls are evaluated at the start of a step
         self._order = 1 if problem.system.controlled or problem.system.loaded else 2
+        # functions of the user may jump
+        self._jumps = self._order == 1 or isinstance(problem.system, LagrangianSystem)
         # steps at the shortest length since the last that was not
         self._short = 0
         # whether the last step was cut because a body lands soon
@@ -285,7 +288,8 @@ class AdaptiveIntegrator:
         if self._passed(start, second, h) < 1.0:
             return Verdict(second._replace(t=self.t + h), 0.0, 1.0, True, False, False)
         problem, measure, least = self._problem, self._measure, self._measure.slides(speed) / self._problem.length
-        verdict = judged(problem, measure, found, near.resting, self.q, self.v, self.t + h, speed, self._order)
+        state = self.t, self.q, self.v
+        verdict = judged(problem, measure, found, near.resting, state, h, speed, self._order, self._jumps)
         if slips is None:
             return verdict
         before = partial(acceleration_at, problem, self.t, self.q, self.v, near.resting, h, self._projector)

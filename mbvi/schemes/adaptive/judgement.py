@@ -14,13 +14,17 @@ from ..step import Step
 from .balance import with_balance
 from .closed import returned
 from .cubic import POWERS, cubic
-from .doubling import Doubled, common_contacts, hidden, lands
+from .doubling import HIDDEN, Doubled, common_contacts, hidden, lands
 from .measure import Measure
 
 # gap beyond the displacement of an extrapolation up to which its contacts are looked for, in activation tolerances
 _NEAR = 100.0
 # share of the error between states, which does not add up from step to step
 _BETWEEN = 0.2
+# part of a step over which accelerations are taken
+_SHORT = 1e-3
+
+State = tuple[float, Array, Array]
 
 
 class Verdict(NamedTuple):
@@ -62,8 +66,8 @@ class _Better(NamedTuple):
 
 
 def judged(
-    problem: Problem, measure: Measure, found: Doubled, resting: Rows, q: Array, v: Array, t: float, speed: float,
-    order: int,
+    problem: Problem, measure: Measure, found: Doubled, resting: Rows, state: State, h: float, speed: float, order: int,
+    jumps: bool,
 ) -> Verdict:  # fmt: skip
     """Return what is known of a step.
 
@@ -73,17 +77,21 @@ def judged(
         The step.
     resting : Rows
         The contacts that were closed and at rest before.
-    q, v : ndarray, shapes (nq,) and (nv,)
-        The state before.
-    t : float
-        Time after the step [s].
+    state : (float, ndarray, ndarray)
+        Time [s], configuration and velocity before.
+    h : float
+        Length of the step [s].
     speed : float
         The largest speed, in the units of `Measure`.
     order : int
         Order of the steps in flight.
+    jumps : bool
+        Whether forces may jump.
     """
-    landed = any(lands(step, resting) for step in found.steps)
-    better = None if landed else _extrapolated(problem, measure, found, resting, t, speed, order)
+    (begins, q, v), landed = state, any(lands(step, resting) for step in found.steps)
+    t = begins + h
+    jump = _jump(problem, found, state, h) if jumps and not landed else None
+    better = None if landed else _extrapolated(problem, measure, found, resting, t, speed, order, jump)
     if better is None:
         new, error, power = found.second, measure.error(found.displacement, found.change, speed), 0.5
     else:
@@ -98,6 +106,18 @@ def judged(
     sinks, turns = _sinks(problem, measure, resting, new), any(reverses for _, reverses in unseen)
     turns = turns or _reverses(problem, measure, resting, v, new, still)
     return Verdict(new, error, power, landed or sinks, not sinks and not turns, better is not None)
+
+
+def _jump(problem: Problem, found: Doubled, state: State, h: float) -> Array:
+    """Return what a jump of forces within a step may hide of the change of velocity, shape (nv,).
+
+    Forces act as they are between the start, the middle and the end of the step: one that jumps in its last quarter is
+    seen neither in the whole nor in the halves. The second difference over these three times has all of the jump.
+    """
+    t, short = state[0], _SHORT * h
+    states = state, (t + 0.5 * h, found.first.q, found.first.v), (t + h, found.second.q, found.second.v)
+    begin, middle, end = ((problem.system.free_velocity(*one, short) - one[2]) / short for one in states)
+    return np.asarray(HIDDEN * h * (begin - 2.0 * middle + end))
 
 
 def _error_between(problem: Problem, measure: Measure, found: Doubled, before: tuple[Array, Array], new: Step) -> float:
@@ -127,9 +147,11 @@ def _reverses(problem: Problem, measure: Measure, resting: Rows, v: Array, new: 
 
 
 def _extrapolated(
-    problem: Problem, measure: Measure, found: Doubled, resting: Rows, t: float, speed: float, order: int
-) -> _Better | None:
-    """Return what a step and its halves tend to; None where contacts differ."""
+    problem: Problem, measure: Measure, found: Doubled, resting: Rows, t: float, speed: float, order: int,
+    jump: Array | None,
+) -> _Better | None:  # fmt: skip
+    """Return what a step and its halves tend to; None where contacts differ. `jump` is that of `_jump`."""
+    none = np.zeros(problem.system.nv)
     system, second, d, change = problem.system, found.second, found.displacement, found.change
     contacts = common_contacts(measure, found.steps, resting, speed)
     if contacts is None:
@@ -138,7 +160,10 @@ def _extrapolated(
         part = 1.0 / (2.0**order - 1.0)
         q = system.integrate(second.q, part * d)
         v = system.tangent(q, second.v + part * change)
-        return _Better(q, v, part * measure.error(d, change, speed), 1.0 / (1.0 + order), second)
+        error = part * measure.error(d, change, speed)
+        if jump is not None:
+            error = max(error, measure.error(none, jump, speed))
+        return _Better(q, v, error, 1.0 / (1.0 + order), second)
     # in contact the steps are of order one
     q = system.integrate(second.q, d)
     v = system.tangent(q, second.v + change)
@@ -150,7 +175,10 @@ def _extrapolated(
     step = with_balance(found, contacts.closed, better.wrench)
     step = step._replace(active=rows._replace(gap=np.where(contacts.closed, 0.0, rows.gap)))
     # what differs across contacts is removed by the return
-    return _Better(better.q, better.v, measure.error(*better.along(d, change), speed), 0.5, step)
+    error = measure.error(*better.along(d, change), speed)
+    if jump is not None:
+        error = max(error, measure.error(*better.along(none, jump), speed))
+    return _Better(better.q, better.v, error, 0.5, step)
 
 
 def _sinks(problem: Problem, measure: Measure, resting: Rows, new: Step) -> bool:
