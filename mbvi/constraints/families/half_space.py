@@ -8,7 +8,6 @@ lowest one, which moves over the shape.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -25,41 +24,13 @@ from ...system.mechanisms.separation import row
 from ..features.feature_kernels import FACE_RIM
 from ..features.feature_motion import row_biases, touching
 from ..mechanism.held_rows import UNKNOWN, RowParts
-from ..mechanism.point_parts import parts_of_points
+from ..mechanism.point_parts import PointSelection
 from ..row_table import RowTable
 from ..rows import Rows
 from .pairs import Array, Contacts, PairCandidates, Pairs
 
 # sets of points that are kept gathered; beyond, all are gathered again
 _MOST_SELECTIONS = 1000
-
-
-@dataclass(frozen=True)
-class _Selection:
-    """Some support points, gathered in arrays for kernels.
-
-    Attributes
-    ----------
-    points : ndarray of int, shape (k,)
-        The points, ascending.
-    pair : ndarray of int, shape (k,)
-        The pair of each point.
-    restitution : ndarray, shape (k,)
-        e of each point.
-    numbers : ndarray, shape (k, 17)
-        The points as `geometry.support_points` describes them.
-    up : ndarray, shape (k, 3)
-        The normals of their half-spaces.
-    owners : ndarray of int, shape (k, 2)
-        Of each point: the place of its body in the placements, and its pair.
-    """
-
-    points: Array
-    pair: Array
-    restitution: Array
-    numbers: Array
-    up: Array
-    owners: Array
 
 
 @kernel("Tuple((i8, b1))(f8[:,:,::1], Tuple(Points), i8[::1], f8, f8[::1])")
@@ -236,7 +207,7 @@ class HalfSpaceContacts(Pairs):
         # whether no shape was ever near with many points, nor has so many that they are found by climbing
         self._few = not self._table.neighbour.size
         self.owner = np.repeat(np.arange(self.size), np.diff(begin_of))
-        self._selections: dict[bytes, _Selection] = {}
+        self._selections: dict[bytes, PointSelection] = {}
         # the points of the last rows
         self._last = self._select(np.zeros(0, np.int64))
 
@@ -253,7 +224,7 @@ class HalfSpaceContacts(Pairs):
         """Return one line of `Problem.report()`, in words."""
         return f"{self.size} pair{'s' * (self.size != 1)} of a shape and a half-space"
 
-    def _select(self, points: Array) -> _Selection:
+    def _select(self, points: Array) -> PointSelection:
         """Return some points, gathered; they are kept, since a run has few different sets of points."""
         key = points.tobytes()
         found = self._selections.get(key)
@@ -262,8 +233,14 @@ class HalfSpaceContacts(Pairs):
                 self._selections.clear()
             pair = self.owner[points]
             numbers, owners = self._table.numbers[points], np.array([self._table.body[pair], pair], dtype=np.int64)
-            found = self._selections[key] = _Selection(
-                points, pair, self.restitution[pair], numbers, np.ascontiguousarray(numbers[:, 12:15]), owners.T.copy()
+            found = self._selections[key] = PointSelection(
+                points,
+                pair,
+                self.restitution[pair],
+                numbers,
+                np.ascontiguousarray(numbers[:, 12:15]),
+                owners.T.copy(),
+                self._second_body[pair],
             )
         return found
 
@@ -297,7 +274,7 @@ class HalfSpaceContacts(Pairs):
 
     def row_parts(self, rows: Array) -> RowParts:
         """Return what some points are, for kernels; see `parts_of_points`."""
-        return parts_of_points(self._table.numbers[rows], self._second_body[self.owner[rows]])
+        return self._select(rows).parts
 
     def bearing(self, t: float, q: Array, points: Array) -> Array:
         """Return which of some points that touch `spread_below` keeps, shape (k,) of bool."""
@@ -310,7 +287,7 @@ class HalfSpaceContacts(Pairs):
             kept[own] = np.isin(points[own], self._table.found[:count])
         return kept
 
-    def _point_contacts(self, q: Array, selection: _Selection, places: Array | None = None) -> Contacts:
+    def _point_contacts(self, q: Array, selection: PointSelection, places: Array | None = None) -> Contacts:
         """Return a contact for each point of a selection, whatever its gap."""
         gap, point = np.empty(len(selection.pair)), np.empty((len(selection.pair), 3))
         stand(self._placements(q) if places is None else places, selection.owners, selection.numbers, gap, point)

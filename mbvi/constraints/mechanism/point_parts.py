@@ -1,6 +1,9 @@
-"""What points of shapes above half-spaces are, for kernels of rows."""
+"""Support points of shapes above half-spaces, gathered, and what they are for kernels of rows."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -9,6 +12,42 @@ from .held_rows import UNKNOWN, Array, RowParts
 
 # half axes are equally long, and at right angles, to within this part of their length
 _ROUND = 1e-12
+
+
+@dataclass(frozen=True)
+class PointSelection:
+    """Some support points, gathered in arrays for kernels.
+
+    Attributes
+    ----------
+    points : ndarray of int, shape (k,)
+        The points, ascending.
+    pair : ndarray of int, shape (k,)
+        The pair of each point.
+    restitution : ndarray, shape (k,)
+        e of each point.
+    numbers : ndarray, shape (k, 17)
+        The points as `geometry.support_points` describes them.
+    up : ndarray, shape (k, 3)
+        The normals of their half-spaces.
+    owners : ndarray of int, shape (k, 2)
+        Of each point: the place of its body in the placements, and its pair.
+    bodies : ndarray of int, shape (k,)
+        The body of each point.
+    """
+
+    points: Array
+    pair: Array
+    restitution: Array
+    numbers: Array
+    up: Array
+    owners: Array
+    bodies: Array
+
+    @cached_property
+    def parts(self) -> RowParts:
+        """What the points are; see `parts_of_points`."""
+        return parts_of_points(self.numbers, self.bodies)
 
 
 def parts_of_points(numbers: Array, bodies: Array) -> RowParts:
