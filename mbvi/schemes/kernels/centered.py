@@ -90,8 +90,10 @@ def rows_in_the_middle(s: MechanismStep, middle: Array, change: Array) -> int:
                     away += (here.point[b, k] - rows.point[a, k]) ** 2
                 if here.number[b] == rows.number[a] and away > reach * reach:
                     left_out[m + b] = b
+            # on the same bodies whatever walls they meet: joints of walls that move are the last ones
+            free = len(s.v) - len(s.prescribed.motion)
             b = nearest_going_on(
-                rows.point[a], rows.normal[a], rows.J[a], here.point[:n], here.normal[:n], here.J[:n], left_out
+                rows.point[a], rows.normal[a], rows.J[a][:free], here.point[:n], here.normal[:n], here.J[:n], left_out
             )
             for k in range(3 if b >= 0 else 0):
                 rows.point[a, k] = here.point[b, k]
