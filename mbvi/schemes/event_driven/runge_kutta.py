@@ -54,7 +54,7 @@ class RungeKuttaStep(NamedTuple):
         Bound of the travel of each coordinate of the chart.
     rates : ndarray, shape (16, nv + len(a))
         For each stage the rates of the chart's coordinates, then the acceleration; the last three stages belong to the
-        dense output.
+        dense output. Implicit steps have seven stages.
     error : ndarray, shape (nv + len(a),)
         Estimated errors of the chart's coordinates, of v, and, where contacts are closed, of v without contact forces.
     dense : ndarray, shape (2, nv, 7)

@@ -144,7 +144,7 @@ class ImplicitSteps:
     ) -> _Nodes:
         """Return what holds at shares of a step, with the directions at its start turned by angles, shape (n, k).
 
-        `change` are the changes of coordinates and velocities over h.
+        `change` holds the changes of the chart's coordinates and of the velocities, over h.
         """
         system, modes, (t, q, v, h, closed) = self._flow.system, self._modes, at
         found, nv, slips = [], len(v), self._slips()
