@@ -164,17 +164,21 @@ def goes_on(normal: Array, other_normal: Array, gradient: Array, other_gradient:
     return along > 0.0 and across <= _SAME_NORMAL and product > 0.0 and product * product >= _SAME_BODIES * own * others
 
 
-@kernel("i8(f8[::1], f8[::1], f8[::1], f8[:,::1], f8[:,::1], f8[:,::1], i8[::1])")
+@kernel("i8(i8, f8[::1], f8[::1], f8[::1], i8[::1], f8[:,::1], f8[:,::1], f8[:,::1], i8[::1], f8)")
 def nearest_going_on(
-    point: Array, normal: Array, gradient: Array, points: Array, normals: Array, gradients: Array, owner: Array
+    number: int, point: Array, normal: Array, gradient: Array, numbers: Array, points: Array, normals: Array,
+    gradients: Array, owner: Array, reach: float,
 ) -> int:  # fmt: skip
-    """Return the nearest other contact that goes on from one and is not in `owner`, -1 if none; see `goes_on`."""
+    """Return the nearest other contact that goes on from one and is not in `owner`, -1 if none; see `goes_on`.
+
+    Of the same constraint none farther than `reach` goes on: those are other corners of the same shapes.
+    """
     best, nearest = -1, np.inf
     for b in range(len(points)):
         distance = 0.0
         for k in range(3):
             distance += (points[b, k] - point[k]) ** 2
-        free = distance < nearest
+        free = distance < nearest and (numbers[b] != number or distance <= reach * reach)
         for c in range(len(owner)):
             free = free and owner[c] != b
         if free and goes_on(normal, normals[b], gradient, gradients[b]):
@@ -183,19 +187,13 @@ def nearest_going_on(
 
 
 def points_going_on(rows: Rows, others: Rows, owner: Array, reach: float) -> Array:
-    """Return the points of rows, or of what `nearest_going_on` finds for each among the others, shape (k, 3).
-
-    Of the same constraint only what is no farther than a length goes on: the rest are other corners of the same shapes.
-    """
+    """Return the points of rows, or of what `nearest_going_on` finds for each among the others, shape (k, 3)."""
     point, J, K = rows.point.copy(), rows.jacobian, others.jacobian
     # among many bodies, whose rows are sparse, this takes too long
     if isinstance(J, np.ndarray) and isinstance(K, np.ndarray):
-        found = plain_array(others.point), plain_array(others.normal), plain_array(K)
-        for a in range(len(point)):
-            away = others.point - rows.point[a]
-            corners = (others.constraint == rows.constraint[a]) & (np.vecdot(away, away) > reach * reach)
-            left_out = np.concatenate([owner, np.flatnonzero(corners)])
-            b = nearest_going_on(rows.point[a], rows.normal[a], J[a], *found, left_out)
+        found = others.constraint, plain_array(others.point), plain_array(others.normal), plain_array(K), owner, reach
+        for a, number in enumerate(rows.constraint.tolist()):
+            b = nearest_going_on(number, rows.point[a], rows.normal[a], J[a], *found)
             point[a] = others.point[b] if b >= 0 else point[a]
     return point
 

@@ -455,7 +455,11 @@ def contacts_that_go_on(rng):
     normal, other, gradient, _ = contacts_of_one_surface(rng)
     turned = np.array([normal, other, normal])
     gradients = np.array([gradient, gradient, rng.normal(size=6)])
-    return rng.normal(size=3), normal, gradient, rng.normal(size=(3, 3)), turned, gradients, rng.integers(-1, 3, size=2)
+    points, owner = rng.normal(size=(4, 3)), rng.integers(-1, 3, size=2)
+    return (
+        int(rng.integers(2)), points[0], normal, gradient, rng.integers(0, 2, size=3), points[1:], turned, gradients,
+        owner, rng.uniform(0.5, 3.0),
+    )  # fmt: skip
 
 
 def contacts_at_two_configurations(rng):

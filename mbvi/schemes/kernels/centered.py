@@ -81,20 +81,11 @@ def rows_in_the_middle(s: MechanismStep, middle: Array, change: Array) -> int:
             copy_row(here, owner[a], rows)
         else:
             # a contact without a counterpart in the middle is taken at the place where it is at the end, or where one
-            # that goes on from it is, as before the joint of two tiles; far ones of its constraint are other corners
-            left_out = np.full(m + n, -1)
-            left_out[:m] = owner
-            for b in range(n):
-                away = 0.0
-                for k in range(3):
-                    away += (here.point[b, k] - rows.point[a, k]) ** 2
-                if here.number[b] == rows.number[a] and away > reach * reach:
-                    left_out[m + b] = b
-            # on the same bodies whatever walls they meet: joints of walls that move are the last ones
-            free = len(s.v) - len(s.prescribed.motion)
+            # that goes on from it is, as before the joint of two tiles
             b = nearest_going_on(
-                rows.point[a], rows.normal[a], rows.J[a][:free], here.point[:n], here.normal[:n], here.J[:n], left_out
-            )
+                rows.number[a], rows.point[a], rows.normal[a], rows.J[a], here.number[:n], here.point[:n],
+                here.normal[:n], here.J[:n], owner, reach,
+            )  # fmt: skip
             for k in range(3 if b >= 0 else 0):
                 rows.point[a, k] = here.point[b, k]
             rows.gap[a] -= change[a]
