@@ -285,7 +285,7 @@ class SceneItems:
         return min(self.restitution, *self.pair_restitution.values(), 1.0) == 1.0 and not self.frictional
 
 
-def say(settings: dict[frozenset[str], Setting], pairs: Sequence[frozenset[str]], value: Setting) -> None:
+def set_last(settings: dict[frozenset[str], Setting], pairs: Sequence[frozenset[str]], value: Setting) -> None:
     """Set a value of some pairs, and make them the last ones that were set."""
     for pair in pairs:
         settings.pop(pair, None)

@@ -11,7 +11,7 @@ from ...constraints.rotations import Resistances
 from ...errors import InputError
 from ...geometry.shapes.convex_cores import has_core
 from ...geometry.shapes.shapes import PlacedShape, Sphere
-from ..items import SceneItems, say
+from ..items import SceneItems, set_last
 
 # most links and single bodies that an error names
 _MOST_NAMED = 50
@@ -76,7 +76,7 @@ class PairRules:
             If a name is unknown, no pair of these two can touch, or e is outside [0, 1].
         """
         e = between(e, "restitution e", 0.0, 1.0)
-        say(self._items.pair_restitution, self._pairs(first, second), e)
+        set_last(self._items.pair_restitution, self._pairs(first, second), e)
 
     def set_friction(self, first: str, second: str, mu: float | tuple[float, float, float]) -> None:
         """Set the coefficients of friction between two things, named as in `set_restitution`.
@@ -97,8 +97,8 @@ class PairRules:
         """
         mu, *resistance = friction_coefficients(mu, "friction mu")
         pairs = self._pairs(first, second)
-        say(self._items.pair_friction, pairs, mu)
-        say(self._items.pair_resistance, pairs, (resistance[0], resistance[1]))
+        set_last(self._items.pair_friction, pairs, mu)
+        set_last(self._items.pair_resistance, pairs, (resistance[0], resistance[1]))
 
     def exclude(self, first: str, second: str) -> None:
         """Let two things pass through each other, whatever else is said of them.
