@@ -49,11 +49,11 @@ def motion_of_the_ball(rate):
     return lambda t: rolls.sol(t) if t <= SLIPS_AT else slips.sol(t)[:4]
 
 
-@pytest.mark.parametrize(("rate", "most"), [(3.0, 100), (30.0, 100)])
+@pytest.mark.parametrize("rate", [3.0, 30.0])
 @pytest.mark.parametrize("tolerance", [1e-5, 1e-7, 1e-9])
-def test_a_ball_begins_to_slide_under_a_force_that_turns(tolerance, rate, most):
+def test_a_ball_begins_to_slide_under_a_force_that_turns(tolerance, rate):
     run, exact = mbvi.simulate(pulled_ball(rate), mbvi.EventDriven(tolerance), duration=END), motion_of_the_ball(rate)
-    assert run.notes == () and len(run.t) <= most
+    assert run.notes == () and len(run.t) <= 100
     times = [t for t in np.linspace(0.0, END, 40) if not SLIPS_AT < t < SLIPS_AT + 1e-3]
     for t in times:
         (q, v), known = run.at(t), exact(t)
