@@ -39,8 +39,10 @@ def touching_rows(state: MotionState, known: Array, changed: Array) -> Array:
     near, gaps = near[gaps <= 10 * state.touching], gaps[gaps <= 10 * state.touching]
     touches = (gaps <= state.touching) | members(near, known)
     kept = state.closed[~members(state.rows.pair[state.closed], changed)]
-    near = state.rows.with_features(state.q, near[touches], kept, state.touching)
-    gaps = state.rows.gaps(state.t, state.q, near) * state.rows.lever[near]
+    near, gaps = near[touches], gaps[touches]
+    featured = state.rows.with_features(state.q, near, kept, state.touching)
+    if featured is not near:
+        near, gaps = featured, state.rows.gaps(state.t, state.q, featured) * state.rows.lever[featured]
     # a gap above rounding that rises belongs to a later event, if to any
     opening = (gaps > state.rows.rounding[near] * state.rows.lever[near]) & ~members(near, state.closed)
     if opening.any():

@@ -28,6 +28,9 @@ def few_rows(rows: SmoothRows, t: float, q: Array, index: Array, closing: Array)
     closing : ndarray of int
         Those that close now: they are always returned, each in place of the nearest one of its shape.
     """
+    if len(index) <= FEW_POINTS:
+        # no shape has more
+        return index
     wanted = rows.bearing(t, q, index)
     new = np.flatnonzero(members(index, closing) & ~wanted)
     if not new.size:
