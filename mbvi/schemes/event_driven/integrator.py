@@ -25,6 +25,7 @@ from .impact_event import ImpactEvent
 from .motion_state import LOCAL, NO_ROWS, MotionState
 from .rows.row_sets import members, union
 from .runge_kutta import RungeKuttaStep
+from .unseen_forces import UnseenForces
 from .whole_step import largest_error
 
 # step control: the next step is h times _SAFETY error^-_EXPONENT, between the least and the most factor; the exponent
@@ -56,8 +57,6 @@ _PATIENCE, _PROGRESS = 3000, 1e-5
 
 # (t, q, v) -> a value, its rate and its rounding
 Crossing = Callable[[float, Array, Array], tuple[float, float, float]]
-
-
 # see `EventDrivenIntegrator`
 Stop = Callable[[RungeKuttaStep, Contacts], float | None]
 
@@ -76,6 +75,7 @@ class EventDrivenIntegrator(MotionState):
         self._events, self._events_time = 0, -np.inf
         # length of the next step; the rows that a run looks at first
         self._length, self._first = _FIRST_STEP, self.rows.all
+        self._unseen = UnseenForces(self.flow, self.units, tolerance)
 
     def run(self, duration: float) -> Iterator[RungeKuttaStep | ImpactEvent]:
         """Yield the steps of the smooth motion, and the impacts between them, from the present state on.
@@ -240,6 +240,9 @@ class EventDrivenIntegrator(MotionState):
         change, pairs = first_feature_change(self, step, share)
         if change < share:
             share, first = change, pairs
+        left = 1.0 if stiff else self._unseen.part_before(step, self.closed, share)
+        if left < 1.0:
+            return None, left, 1.0, NO_ROWS
         if share < 1.0:
             stops = share == release and self.modes is not None and self.modes.stopped >= 0
             crossing = self._crossing(NO_ROWS if first is pairs else first, stops)
