@@ -56,12 +56,13 @@ class UnseenForces:
         if not self._may_be or length <= 2.0 * _APART:
             return 1.0
         allowed = self._allowed * float(np.abs(step.v / self._units).max(initial=1.0))
-        count = math.ceil(length / _APART)
-        for k in range(1, count):
-            at = share * k / count
-            q, v = step.at(self._flow.system, at)
-            slope = step.dense[1] @ (_POWERS * at ** (_POWERS - 1))
-            miss = self._flow.acceleration(step.t + at * step.h, q, v, closed)[: len(v)] - slope
+        count, flow, nv = math.ceil(length / _APART), self._flow, len(step.v)
+        shares = share * np.arange(1, count) / count
+        places, speeds = step.h * (step.dense @ shares ** _POWERS[:, None])
+        slopes = step.dense[1] @ (_POWERS[:, None] * shares ** (_POWERS[:, None] - 1))
+        for at, dq, dv, slope in zip(shares.tolist(), places.T, speeds.T, slopes.T, strict=True):
+            q, v = flow.system.integrate(step.q0, dq), step.v0 + dv
+            miss = flow.acceleration(step.t + at * step.h, q, v, closed)[:nv] - slope
             # written so that a NaN is found too
             if not float(np.abs(miss / self._units).max(initial=0.0)) <= allowed:
                 return min(max(at - _APART / step.h, _LEAST), _MOST)

@@ -17,6 +17,7 @@ from ..stages import MechanismStages
 from .closing_roots import ClosingRows
 from .closing_search import NOT_KNOWN, first_closing, write_candidates
 from .crossing import crossing_share
+from .dips import first_dip, may_dip, unresolved
 from .interpolants import COARSE, FEW_NODES, FINE
 from .root_finding import first_root
 
@@ -168,7 +169,26 @@ class ClosingEvents:
         # values at a few nodes may not show that a body passes through another within the step
         steepest = np.where(fall[near] > self._rows.thickness[suspects], fall[near], np.inf)
         share, k = first_root(gaps, steepest, known)
+        given = np.isinf(fall[near]).nonzero()[0]
+        if given.size:
+            # how far bodies move such a gap is not known: it may reach zero between nodes, too
+            values = bounds[:, near][:, given] + margin[given]
+            bends = unresolved(values)
+            given, values = given[bends], values[:, bends]
+        if given.size:
+            slope = self._slopes(step, suspects[given])
+            dips = may_dip(values, slope)
+            given, slope = given[dips], slope[dips]
+        if given.size:
+            share, dip = first_dip(lambda x: gaps(np.array([x]), given)[0], slope, share)
+            k = int(given[dip]) if dip >= 0 else k
         return share, suspects[k : k + 1] if share < 1.0 else suspects[:0]
+
+    def _slopes(self, step: RungeKuttaStep, index: Array) -> Array:
+        """Return the largest rates of some gaps at a few places of a step, times its length, shape (k,)."""
+        states = ((x, *step.at(self._system, x)) for x in FEW_NODES.tolist())
+        rates = [self._rows.gradients(step.t + x * step.h, q, index) @ v for x, q, v in states]
+        return np.asarray(step.h * np.abs(rates).max(axis=0))
 
     def _along(self, step: RungeKuttaStep, shares: Array, index: Array, near: float) -> Array:
         """Return gaps of some rows, or lower bounds of those above `near`, at n shares of the step, shape (n, k)."""
