@@ -127,7 +127,7 @@ class RunRecord:
     Attributes
     ----------
     penetration : ndarray, shape (n + 1,)
-        Deepest penetration of contacts at each time [m].
+        Deepest penetration of contacts since the state before [m].
     scheme : SchemeBase or None
         The scheme object; None where a file names an unknown scheme.
     timing : Timing
@@ -139,7 +139,7 @@ class RunRecord:
     contacts : ContactTable or None
         None where contacts were not recorded.
     limit_violation : ndarray, shape (n + 1,)
-        Greatest violation of joint limits at each time [rad, of sliding joints m].
+        Greatest violation of joint limits since the state before [rad, of sliding joints m].
     again : callable or None
         `simulate` with the residual, depth and solver of the run; None where the run was interrupted.
     settings : Settings or None

@@ -100,15 +100,18 @@ class Trajectory(Outputs):
         return projection_energies(self)
 
     def penetration(self) -> Array:
-        """Return the deepest penetration of contacts at each time, shape (n + 1,), >= 0 [m].
+        """Return the deepest penetration of contacts since the state before, shape (n + 1,), >= 0 [m].
 
-        It is that of the contacts of each step's law, moved to its end by their rates. Of given functions it is that of
-        their gaps, in the functions' own units.
+        It is that of the contacts of each step's law, moved to its end by their rates; with `every` that of the step
+        with the deepest. Of given functions it is that of their gaps, in the functions' own units.
         """
         return self.record.penetration
 
     def limit_violation(self) -> Array:
-        """Return the greatest violation of joint limits at each time, shape (n + 1,), >= 0 [rad; m of sliding ones]."""
+        """Return the greatest violation of joint limits since the state before, shape (n + 1,), >= 0.
+
+        With `every` it is that of the step with the greatest [rad; of sliding joints m].
+        """
         return self.record.limit_violation
 
     def loop_gap(self) -> Array:

@@ -1,6 +1,7 @@
 """What a run leaves behind, in memory and in its file."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import h5py
 import numpy as np
@@ -85,6 +86,30 @@ def test_thinned_runs_keep_every_impact(run):
     np.testing.assert_array_equal(thin.q[:-1], run.q[::7])
     np.testing.assert_array_equal(thin.q[-1], run.q[-1])
     assert [i.time for i in thin.impacts] == [i.time for i in run.impacts]
+
+
+@pytest.mark.parametrize(
+    "scheme", [mbvi.Paoli(), mbvi.SchatzmanPaoli(), mbvi.StewartTrinkle(), mbvi.Adaptive(1e-2), mbvi.EventDriven(1e-3)]
+)
+def test_thinned_runs_keep_the_greatest_depths(scheme):
+    """A ball and a knee that strike: their depths last a step, which need not be a recorded one."""
+    scene = mbvi.Scene(restitution=0.4)
+    scene.add_halfspace((0, 0, 1), name="floor")
+    robot = {"joints": {"knee": 0.4}, "velocity": {"knee": -20.0}}
+    scene.add_urdf(ROBOTS / "hopper/hopper.urdf", base="fixed", position=(0, 0, 3), **robot)
+    scene.add_sphere(0.1, 1.0, position=(5, 0, 0.5), name="ball")
+    problem = scene.build()
+    own = isinstance(scheme, mbvi.EventDriven | mbvi.Adaptive)
+    options = {"duration": 0.6003, "progress": False} | ({} if own else {"step": 2e-3})
+    whole, thin = (mbvi.simulate(problem, scheme, every=every, **options) for every in (1, 7))
+    assert len(thin.t) < len(whole.t)
+    assert not isinstance(scheme, mbvi.Paoli) or min(whole.penetration().max(), whole.limit_violation().max()) > 1e-4
+    for all_of, some in ((whole.penetration(), thin.penetration()), (whole.limit_violation(), thin.limit_violation())):
+        ends = np.searchsorted(whole.t, thin.t, side="right")
+        greatest = [all_of[begin:end].max() for begin, end in pairwise(ends) if end > begin]
+        assert some.max() == all_of.max()
+        if not own:
+            np.testing.assert_array_equal(some[1:], greatest)
 
 
 def test_the_last_step_is_cut_to_end_on_time():

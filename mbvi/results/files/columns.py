@@ -51,8 +51,8 @@ STATES = {
     "t": Column("s", "time"),
     "q": Column("m, rad, unit quaternions (x, y, z, w)", "configuration", ("nq",)),
     "v": Column("m/s, rad/s", "velocity on [t_i, t_{i+1})", ("nv",)),
-    "penetration": Column("m", "deepest penetration of contacts, >= 0"),
-    "limit_violation": Column("rad or m", "greatest violation of joint limits, >= 0; of sliding joints in m"),
+    "penetration": Column("m", "deepest penetration of contacts since the state before, >= 0"),
+    "limit_violation": Column("rad or m", "greatest violation of joint limits since the state before [m if sliding]"),
     "residual": Column("1", "largest relative KKT residual of the projections since the state before"),
     "energy": Column("J", "kinetic and potential energy where v_i and the configuration belong together", (2,)),
 }

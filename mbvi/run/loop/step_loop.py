@@ -115,8 +115,7 @@ def run_paoli(
             for a in range(size[1]):
                 memory.start[a] = log.before[MOST_ROWS + a]
             return i, count, code
-        log.event[i - first], log.penetration[count], log.violation[count] = False, 0.0, 0.0
-        log.at_end[i - first] = s.at_end[0]
+        log.event[i - first], log.at_end[i - first] = False, s.at_end[0]
         if m > 0:
             rates = s.rates[: 4 * m].reshape((4, m))
             log.event[i - first] = record_depth(

@@ -58,11 +58,11 @@ class _EventRecorder:
         self.impacts: list[Impact] = []
         self.notes = list(notes)
         self._no_motion = np.zeros((2, problem.system.nv, DEGREE))
-        # since the last recorded state: the number of steps, the largest residual, the first step, and the last step
-        # with the state after it (t, q, v, depth)
-        self._since, self._worst = 0, 0.0
+        # since the last recorded state: the number of steps, the largest residual, the greatest depths of contacts and
+        # limits, the first step, and the last step with the state after it (t, q, v)
+        self._since, self._worst, self._deepest = 0, 0.0, np.zeros(2)
         self._first: RungeKuttaStep | None = None
-        self._last: tuple[RungeKuttaStep, float, Array, Array, Array] | None = None
+        self._last: tuple[RungeKuttaStep, float, Array, Array] | None = None
 
     def name(self, constraint: int) -> str:
         """Return the name of a constraint."""
@@ -80,8 +80,9 @@ class _EventRecorder:
         if self.contacts is not None:
             for rows in reactions(integrator, step):
                 self.contacts.add(*rows)
-        self._last = step, integrator.t, integrator.q, integrator.v, integrator.depth
+        self._last = step, integrator.t, integrator.q, integrator.v
         self._worst = max(self._worst, integrator.residual)
+        self._deepest = np.maximum(self._deepest, integrator.depth)
         if self._since >= self._every:
             self.record_state()
 
@@ -89,9 +90,9 @@ class _EventRecorder:
         """Record the state after the last step, if it is not recorded yet."""
         if self._last is None or self._first is None:
             return
-        step, t, q, v, depth = self._last
+        step, t, q, v = self._last
         dense = step.dense if self._since == 1 else self._joined(self._first, step, t, q, v)
-        self._append_state(t, q, v, depth, dense)
+        self._append_state(t, q, v, self._deepest, dense)
 
     def _joined(self, first: RungeKuttaStep, last: RungeKuttaStep, t: float, q: Array, v: Array) -> Array:
         """Return cubics from the last recorded state to (q, v) at t, with the rates at both ends."""
@@ -153,7 +154,7 @@ class _EventRecorder:
         self.penetration.append(contacts)
         self.limit_violation.append(limits)
         self.residual.append(self._worst)
-        self._since, self._worst, self._first, self._last = 0, 0.0, None, None
+        self._since, self._worst, self._deepest, self._first, self._last = 0, 0.0, np.zeros(2), None, None
 
     def trajectory(self, scheme: EventDriven, *, complete: bool) -> Trajectory:
         """Return the run recorded so far."""

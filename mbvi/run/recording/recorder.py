@@ -54,8 +54,8 @@ def record_depth(
     still : float
         Closing speed below which a row counts as still [m/s].
     penetration, violation, residuals : ndarray, shape (n,)
-        Receive the greatest depths of contacts and of joint limits, and the largest residual since the last recorded
-        state.
+        Receive the greatest depths of contacts and of joint limits, and the largest residual, since the last recorded
+        state; zero before its first step.
     """
     residuals[k] = max(residuals[k], residual)
     deepest, farthest, impact = 0.0, 0.0, False
@@ -67,7 +67,7 @@ def record_depth(
         percussion, free, before = rates[0, a], rates[1, a], rates[3, a]
         least = still / lever[number[a]] if number[a] < len(lever) else still
         impact = impact or (percussion > 0.0 and before + 2.0 * abs(free - before) < -least)
-    penetration[k], violation[k] = deepest, farthest
+    penetration[k], violation[k] = max(penetration[k], deepest), max(violation[k], farthest)
     return impact
 
 
@@ -231,9 +231,7 @@ class Recorder:
             # before the state, so that an interrupt leaves no state without its contacts
             if keep:
                 self.contacts.close()
-        if not gap.size:
-            self.penetration[k] = self.limit_violation[k] = 0.0
-        elif record_depth(
+        if gap.size and record_depth(
             k, active.constraint, gap, rates, residual, self._lever, self._limits, self._still, self.penetration,
             self.limit_violation, self.residual,
         ):  # fmt: skip
