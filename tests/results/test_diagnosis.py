@@ -56,6 +56,21 @@ def test_the_horizon_of_a_corner(degrees, e, horizon, M):
     assert ("one of several answers" in str(found)) == np.isfinite(horizon)
 
 
+@pytest.mark.parametrize(
+    ("degrees", "e", "horizon"), [(90, 0.5, np.inf), (120, 1.0, 0.5), (120, 0.5, 0.5), (120, 0, 0.5)]
+)
+@pytest.mark.parametrize("tolerance", [1e-2, 1e-4])
+def test_impacts_of_adaptive_act_on_contacts_that_are_open_by_its_tolerance(degrees, e, horizon, tolerance):
+    middle = np.radians(degrees / 2 - 8)
+    problem = corner(degrees, e, [-np.cos(middle), -np.sin(middle)])
+    run = mbvi.simulate(problem, mbvi.Adaptive(tolerance), duration=1.0)
+    found = run.diagnosis()
+    (at_corner,) = [i for i in found.instants if i.impact]
+    assert at_corner.constraints == run.impacts[0].constraints == ("right", "left")
+    assert at_corner.time == run.impacts[0].time
+    assert found.horizon == pytest.approx(horizon, abs=tolerance)
+
+
 def test_walls_hit_one_after_the_other_leave_no_doubt():
     found = diagnosis(corner(120, 1.0, [-1.0, -0.1], time=0.5), duration=0.45)
     assert found.instants == ()

@@ -5,11 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from ...errors import InputError
+from ...schemes import Adaptive
+from ...schemes.adaptive.measure import Measure
 from ...system.free.sparse_rows import dense
 
 if TYPE_CHECKING:
     from ...constraints import Rows
     from ...problem import Problem
+    from ..run_data import RunData
     from .diagnosis import Array
 
 # most numbers of all gradients and angles at one instant
@@ -17,10 +20,18 @@ _MOST_ENTRIES = 30_000_000
 
 
 class ActiveRows:
-    """The active rows of a problem; those of the last configuration are kept, for bodies that rest."""
+    """The active rows of a problem; those of the last configuration are kept, for bodies that rest.
 
-    def __init__(self, problem: Problem) -> None:
-        self._constraints, self._tolerance = problem.constraints, problem.tolerance
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    gap : float, optional
+        Gap below which a constraint is active, by default the activation tolerance [m].
+    """
+
+    def __init__(self, problem: Problem, gap: float | None = None) -> None:
+        self._constraints, self._tolerance = problem.constraints, problem.tolerance if gap is None else gap
         self._moving = self._constraints.moving
         self._q, self._last = b"", self._constraints.empty
 
@@ -32,6 +43,12 @@ class ActiveRows:
             self._q = known
             self._last = with_full_gradients(found) if len(found.gap) or found.rate is not None else found
         return self._last
+
+
+def rows_of_impacts(run: RunData, problem: Problem) -> ActiveRows:
+    """Return the rows that located impacts act on: of `Adaptive` contacts are open by a part of its tolerance there."""
+    scheme = run.record.scheme
+    return ActiveRows(problem, Measure(problem, scheme.tolerance).gap if isinstance(scheme, Adaptive) else None)
 
 
 def with_full_gradients(active: Rows) -> Rows:

@@ -17,7 +17,7 @@ from ...impacts import condition_12_violation, cosines_between, follow, independ
 from ...projection import Projector
 from ...schemes.observer import observer
 from ..run_data import Impact, RunData, legs
-from .active_rows import ActiveRows, with_full_gradients
+from .active_rows import ActiveRows, rows_of_impacts, with_full_gradients
 from .dead_centres import dead_centres
 from .diagnosis import Array, Diagnosis, Instant
 from .energies import energy_of_projection
@@ -100,9 +100,9 @@ def _look_at(run: RunData, found: _Instants, sums: _Sums) -> list[Jump]:
     assert run.problem is not None
     problem, system = run.problem, run.problem.system
     struck = np.array([impact.time for impact in run.impacts])
-    jumps, rows = Jumps(problem), ActiveRows(problem)
+    jumps, rows, struck_rows = Jumps(problem), ActiveRows(problem), rows_of_impacts(run, problem)
     found.problem = problem
-    for state in states(run):
+    for number, state in enumerate(states(run)):
         t, q, before, v, h, step, again = state
         metric = system.metric(q)
         # with torsional and rolling friction a second solution is not looked for
@@ -127,7 +127,8 @@ def _look_at(run: RunData, found: _Instants, sums: _Sums) -> list[Jump]:
             elif h > 0.0:
                 # located impacts take no time: between two states there are none
                 gained = 0.0
-            active = rows.at(t, q)
+            # the law at the start is that of every scheme
+            active = (struck_rows if number and h == 0.0 else rows).at(t, q)
             if active.rate is not None:
                 percussions = metric.apply(change) - h * system.force(t, q, before)
                 gained += float(np.linalg.lstsq(active.jacobian.T, percussions)[0] @ active.rate)
