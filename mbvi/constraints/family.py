@@ -54,8 +54,9 @@ class ConstraintFamily(ABC):
     frame, at_rest : MovingFrame or None, and ConstraintFamily or None
         The frame of walls that move together, and their family in it, where they stand still.
     thickness : ndarray, shape (size,), or float
-        The least travel within which bodies can pass through each other [m]; infinite where they never can, or where
-        the tunnelling guard shall not check.
+        The least travel within which bodies can pass through each other [m]; infinite where nothing is to be checked.
+    isotropic : bool
+        Whether `reach` also bounds gaps with the length of a vector in the place of its components' absolute values.
     hollow : bool
         Whether bodies of a pair may touch, part, and touch elsewhere within a step: one is not convex.
     tracked : bool
@@ -80,6 +81,7 @@ class ConstraintFamily(ABC):
     frame: Any = None
     at_rest: Any = None
     thickness: Array | float = np.inf
+    isotropic: bool = False
     hollow: bool = False
     tracked: bool = True
     skips_resting: bool = False

@@ -14,6 +14,7 @@ import numpy as np
 from ..compiled import kernel
 from ..geometry.shapes.shape_table import ShapeTable
 from ..system import System
+from ..system.parts import first_components
 from .features.feature_motion import places_of
 from .rows import Array
 
@@ -101,9 +102,15 @@ def lessen_ways(
         found[i] = bounded_way(slip, spin, radius[i], apart[i], way[i], turned[i], turning[i])
 
 
+def shared_lengths(system: System, v: Array) -> Array:
+    """Return |v|, shape (nv,), where components of a vector share its length equally: sums depend on no frame."""
+    first, n = first_components(system), system.nv
+    return (np.sqrt(np.bincount(first, v * v, n)) / np.maximum(np.bincount(first, minlength=n), 1))[first]
+
+
 def ways_of(system: System, displacement: Array, reach: Any) -> tuple[Array, Array, Array]:
     """Return `way`, `turned` and `turning` of `bounded_way` of pairs of that reach, shape (nv, k), each (k,)."""
-    far, turns = np.abs(displacement), ~system.are_lengths()
+    far, turns = shared_lengths(system, displacement), ~system.are_lengths()
     return far @ reach, np.where(system.go_straight(), 0.0, far) @ reach, (far * turns) @ (reach != 0.0)
 
 
@@ -197,7 +204,7 @@ def pair_approach(
     by how much the first body turns. Where free bodies move as nothing acts on them, A is at most twice that, and V
     grows by no more than a third.
     """
-    body, radius, far = int(balls.bodies[0, 0]), float(balls.radius[0]), np.abs(displacement)
+    body, radius, far = int(balls.bodies[0, 0]), float(balls.radius[0]), shared_lengths(system, displacement)
     way, turned, turning = (float(one) for one in ways_of(system, displacement, reach))
     of_first = 0.0
     if body > 0:

@@ -9,12 +9,13 @@ from typing import NamedTuple
 import numpy as np
 
 from ..constraints import ConstraintFamily
-from ..constraints.relative_ways import Approach, pair_approach, steady_approach
+from ..constraints.relative_ways import Approach, pair_approach, shared_lengths, steady_approach
 from ..errors import DivergedError
 from ..problem import Problem
 from ..projection import Projector
 from ..schemes import Scheme, Step
 from ..schemes.observer import observer
+from ..system.parts import first_components
 from ..system.system import Array, System
 from .control_stability import turned_by_gains
 from .loop.moving_walls import with_walls
@@ -28,7 +29,7 @@ _MOST_SHORTENED, _LEAST_REST = 1000, 1e-9
 _MOST_AGAIN = 20
 # part of a step that counts as all of it: a shortened step ends just after bodies touch
 _ALL = 0.99
-# largest coordinate of a displacement that is taken as the difference of its ends [rad, m]
+# length of a vector of a displacement up to which it is taken as the difference of its ends [rad, m]
 HALF_TURN = 3.0
 
 
@@ -78,6 +79,9 @@ class TunnellingGuard:
         self._displacements: list[Array] = []
         # with many bodies there are no bounds of each pair, but an entry of v below which no body travels its thickness
         self.slow_speed = 0.0
+        # for each velocity the square root of how many components its vector has
+        vectors = first_components(self._system)
+        self._roots = np.sqrt(np.bincount(vectors, minlength=1))[vectors]
         for family in self._watched:
             share = family.passed_share()
             if share is None:
@@ -115,7 +119,7 @@ class TunnellingGuard:
         rest = h
         for _ in range(_MOST_SHORTENED):
             self._check(new, h)
-            if self._none_passes(self._fastest(state, new)):
+            if self._none_passes(*self._fastest(state, new)):
                 break
             part = self._part(state, new, rest)
             if part == 1.0 or rest <= _LEAST_REST * h:
@@ -149,21 +153,30 @@ class TunnellingGuard:
 
     def passed(self, state: Step, new: Step, h: float) -> float:
         """Return the part of one step of any length h after which a body would pass through another, 1 if none does."""
-        if self._none_passes(h / self._h * self._fastest(state, new)):
+        if self._none_passes(*(h / self._h * self._fastest(state, new))):
             return 1.0
         return self._part(state, new, h)
 
     def _fastest(self, state: Step, new: Step) -> Array:
-        """Return the larger ones of the velocities before and after a step, and those of walls, shape (nv,)."""
-        fastest = np.maximum(np.abs(state.v), np.abs(new.v))
-        return fastest if self._walls is None else np.append(fastest, np.abs(self._walls.speeds))
+        """Return the larger ones of the velocities before and after a step, with those of walls, shape (2, nv).
 
-    def _none_passes(self, v: Array) -> bool:
-        """Return whether no pair travels its thickness in a step if no velocity exceeds that in v, shape (nv,)."""
+        In the first row are their absolute values, in the second one `shared_lengths`.
+        """
+        both = state.v, new.v
+        if self._walls is not None:
+            both = np.append(state.v, self._walls.speeds), np.append(new.v, self._walls.speeds)
+        before, after = (np.stack([np.abs(v), shared_lengths(self._system, v)]) for v in both)
+        return np.maximum(before, after)
+
+    def _none_passes(self, fastest: Array, shared: Array) -> bool:
+        """Return whether no pair travels its thickness in a step if no velocity exceeds those of `_fastest`."""
         if not self._displacements:
-            return float(v.max(initial=0.0)) < self.slow_speed
-        return float(self._per_velocity.dot(v)) < 1.0 or all(
-            (v.dot(displacements) < 1.0).all() for displacements in self._displacements
+            # these bounds are those of the root of the mean square, if all are isotropic
+            most = self._roots * shared if all(family.isotropic for family in self._watched) else fastest
+            return float(most.max(initial=0.0)) < self.slow_speed
+        return float(self._per_velocity.dot(fastest)) < 1.0 or all(
+            ((shared if family.isotropic else fastest).dot(displacements) < 1.0).all()
+            for family, displacements in zip(self._watched, self._displacements, strict=True)
         )
 
     def _check(self, state: Step, h: float) -> None:
@@ -206,7 +219,7 @@ class TunnellingGuard:
             )
         middle, onward = system.integrate(state.q, before * state.v), after * new.v
         # of bodies that turn further the difference of two configurations does not know how far
-        if np.abs(onward).max(initial=0.0) < HALF_TURN:
+        if (self._roots * self._roots * shared_lengths(system, onward)).max(initial=0.0) < HALF_TURN:
             onward = system.difference(middle, new.q)
         return (
             _Way(lambda x: system.integrate(state.q, x * before * state.v), lambda _: before * state.v),

@@ -246,6 +246,43 @@ def test_up_to_the_least_displacement_nothing_passes_and_beyond_it_something_may
         assert beyond
 
 
+def shot_in_a_turned_scene(kind, plate, many, speed, turn):
+    """Bodies that fly aslant at a thin plate, in a scene that is turned as a whole."""
+    scene, way = mbvi.Scene(gravity=(0, 0, 0), restitution=0.5), np.array([0.1, 0.3, -1.0])
+    if plate == "box":
+        scene.add_box((2.0, 2.0, 0.01), rotation=turn, fixed=True)
+    else:
+        corners = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+        scene.add_surface(corners @ turn.T, [[0, 1, 2], [0, 2, 3]])
+    for k in range(many):
+        start = {"velocity": turn @ (speed * way), "position": turn @ (0.06 * k, 0.0, 0.0423 + 7e-4 * k)}
+        if kind == "ball":
+            scene.add_sphere(0.003, **start)
+        else:
+            own = Rotation.from_rotvec((0.3, 0.2, 0.1)).as_matrix()
+            scene.add_box(
+                (0.02, 0.03, 0.01), rotation=turn @ own, angular_velocity=turn @ (10.0, -20.0, 15.0), **start
+            )  # fmt: skip
+    return scene.build()
+
+
+@pytest.mark.parametrize("scheme", [*SCHEMES, mbvi.StewartTrinkle()], ids=repr)
+@pytest.mark.parametrize(
+    ("kind", "plate", "many"), [("ball", "box", 1), ("ball", "sheet", 1), ("ball", "sheet", 70), ("box", "box", 1)]
+)
+def test_a_turned_scene_has_the_same_shortened_steps(scheme, kind, plate, many):
+    """Whether a body passes depends on how far it moves, and not on the axes of the world."""
+    for speed in (0.7, 1.5, 3.0):
+        places = []
+        for turn in (np.eye(3), *Rotation.random(2, random_state=1).as_matrix()):
+            problem = shot_in_a_turned_scene(kind, plate, many, speed, turn)
+            run = mbvi.simulate(problem, scheme, step=1e-2, duration=0.08, progress=False)
+            assert run.impacts
+            places.append(run.q.reshape(len(run.q), many, -1)[:, :, :3] @ turn)
+        for place in places[1:]:
+            np.testing.assert_allclose(place, places[0], rtol=0.0, atol=1e-11, err_msg=str(speed))
+
+
 def thrown_down(kind, size, seed, speed, e, *, field):
     """A body that falls on flat ground of triangles, turned and spinning at random, slightly aslant."""
     rng, turn = np.random.default_rng(seed), Rotation.random(random_state=seed).as_matrix()

@@ -1011,6 +1011,11 @@ def mesh_tree(rng):
     return surface, (surface.vertices, surface.triangles, *surface.tree), centres
 
 
+def shared_length(rng):
+    # a free base, and three joints
+    return np.array([0, 0, 0, 3, 3, 3, 6, 7, 8]), int(rng.integers(9)), rng.normal(size=9)
+
+
 def nearest_on_triangle(rng):
     surface, centres = mesh(rng)
     return surface.vertices, surface.triangles, 0, centres, int(rng.integers(9)), np.zeros(3)
@@ -1259,6 +1264,7 @@ ARGUMENTS = {
     "near_triangles": near_triangles,
     "still_near": still_near,
     "add_near": add_near,
+    "shared_length": shared_length,
     "bounded_way": lambda rng: (*rng.random(6), float(rng.choice([0.0, 0.1, 2.0]))),
     "lessen_ways": lambda rng: (rng.normal(size=(5, 6)), *rng.random((5, 5)), np.empty(5)),
     "reach_along": lambda rng: [seams(rng)[k] for k in (0, 1, 3)],

@@ -14,7 +14,7 @@ from ...system import System
 from ...system.free.sparse_rows import dense
 from ..family import ConstraintFamily
 from ..rebuilt import Rebuilt
-from ..relative_ways import PairBalls, balls_of_sides, relative_ways, ways_of
+from ..relative_ways import PairBalls, balls_of_sides, relative_ways, shared_lengths, ways_of
 from ..rows import Array, Rows
 from .pairs import Contacts, relative_reaches, sparse_reaches
 from .signed_distance import SignedDistances
@@ -54,6 +54,7 @@ class BroadPhasePairs(Rebuilt, ConstraintFamily):
     # EventDriven needs all rows in advance; here pairs are listed only when near
     tracked = False
     skips_resting = True
+    isotropic = True
 
     def __init__(
         self,
@@ -150,7 +151,7 @@ class BroadPhasePairs(Rebuilt, ConstraintFamily):
 
     def passable(self, q: Array, displacement: Array) -> tuple[Array, Array, Array]:
         """Return the pairs that may pass through each other, their travel and their thickness; see the base class."""
-        inner, travel = self._shapes.inner, self._reaches() @ np.abs(displacement)
+        inner, travel = self._shapes.inner, self._reaches() @ shared_lengths(self.system, displacement)
         if not (travel > inner).any():
             return np.zeros(0, np.int64), np.zeros(0), np.zeros(0)
         both = (self.system.placements(at, self._shapes.bodies) for at in (q, self.system.integrate(q, displacement)))

@@ -13,7 +13,7 @@ from ...geometry.shapes.shape_table import ShapeTable
 from ...system import System
 from ..family import ConstraintFamily
 from ..rebuilt import Rebuilt
-from ..relative_ways import PairBalls, balls_of_sides, relative_ways, ways_of
+from ..relative_ways import PairBalls, balls_of_sides, relative_ways, shared_lengths, ways_of
 from ..rows import Array, Rows
 from .candidates import PairCandidates
 
@@ -102,6 +102,7 @@ class Pairs(Rebuilt, ConstraintFamily):
     """
 
     skips_resting = True
+    isotropic = True
     # whether contacts depend on what is beside fixed shapes
     has_seams = False
 
@@ -218,7 +219,7 @@ class Pairs(Rebuilt, ConstraintFamily):
 
     def passable(self, q: Array, displacement: Array) -> tuple[Array, Array, Array]:
         """Return the pairs that may pass through each other, their travel and their thickness; see the base class."""
-        pairs = np.flatnonzero(np.abs(displacement) @ self._reach > self.thickness)
+        pairs = np.flatnonzero(shared_lengths(self.system, displacement) @ self._reach > self.thickness)
         ways = ways_of(self.system, displacement, self._reach[:, pairs])
         travel = relative_ways(self.system, q, displacement, ways, self.balls_of(pairs))
         thickness = self.thickness[pairs]

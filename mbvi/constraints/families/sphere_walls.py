@@ -56,11 +56,8 @@ def distance_from_box(walls: Array, a: int, centres: Array, i: int, most: float,
     if far > 0.0:
         normal[0], normal[1], normal[2] = u / far, v / far, t / far
         return far
-    normal[0], normal[1], normal[2] = (
-        side * walls[a, 3 * face],
-        side * walls[a, 3 * face + 1],
-        side * walls[a, 3 * face + 2],
-    )
+    at = 3 * face
+    normal[0], normal[1], normal[2] = side * walls[a, at], side * walls[a, at + 1], side * walls[a, at + 2]
     return -deepest
 
 
@@ -169,6 +166,8 @@ class SphereWalls(Rebuilt, ConstraintFamily):
     -----
     Constraint i w + a is the pair of sphere i and wall a of w walls. The wall is its first body.
     """
+
+    isotropic = True
 
     def __init__(
         self,

@@ -128,6 +128,8 @@ class SphereContacts(Rebuilt, ConstraintFamily):
     Constraint i n + j is the pair (i, j), i < j, of n spheres.
     """
 
+    isotropic = True
+
     def __init__(
         self,
         system: System,

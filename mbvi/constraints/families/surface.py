@@ -19,6 +19,7 @@ from ...system import System
 from ..family import ConstraintFamily
 from ..mechanism.meshes import BallsAtMesh
 from ..rebuilt import Rebuilt
+from ..relative_ways import shared_lengths
 from ..rows import Array, Rows
 from .pairs import Contacts
 
@@ -54,6 +55,7 @@ class SurfaceContacts(Rebuilt, ConstraintFamily):
     # the features that touch change along the motion
     smooth = False
     hollow = True
+    isotropic = True
     # what the shapes are called
     kind = "shape"
 
@@ -175,7 +177,8 @@ class SurfaceContacts(Rebuilt, ConstraintFamily):
 
     def passable(self, q: Array, displacement: Array) -> tuple[Array, Array, Array]:
         """Return the shapes that may pass through the mesh, their travel and thickness; see the base class."""
-        travel, thickness = np.asarray(self._reach @ np.abs(displacement)), np.asarray(self.thickness)
+        travel = np.asarray(self._reach @ shared_lengths(self.system, displacement))
+        thickness = np.asarray(self.thickness)
         swift = np.flatnonzero(travel > thickness)
         if swift.size:
             swift = swift[self.are_within(q, swift, travel[swift])]

@@ -10,13 +10,14 @@ import numpy as np
 from ...compiled import kernel, record
 from ...system import System
 from ...system.mechanisms.mechanism import Mechanism
+from ...system.parts import first_components
 from ..family import ConstraintFamily
 from ..relative_ways import PairBalls, bounded_way
 from ..rows import Array
 from .tables import PairFamily
 
 
-@record("i8[:,::1], f8[:,:,::1], f8[::1], b1[::1], b1[::1]")
+@record("i8[:,::1], f8[:,:,::1], f8[::1], b1[::1], b1[::1], i8[::1]")
 class PairWays(NamedTuple):
     """What the kernel needs of n pairs beside `PairFamily`.
 
@@ -26,6 +27,8 @@ class PairWays(NamedTuple):
         See `PairBalls`.
     straight, turns : ndarray of bool, shape (nv,)
         Velocities whose directions stay, and those of turns.
+    vectors : ndarray of int, shape (nv,)
+        See `first_components`.
     """
 
     bodies: Array
@@ -33,6 +36,7 @@ class PairWays(NamedTuple):
     radius: Array
     straight: Array
     turns: Array
+    vectors: Array
 
 
 def pair_ways(system: System, families: Sequence[ConstraintFamily], numbers: Sequence[Array]) -> PairWays:
@@ -45,7 +49,7 @@ def pair_ways(system: System, families: Sequence[ConstraintFamily], numbers: Seq
     bodies, centres, radius = zip(*found, strict=True)
     return PairWays(
         np.concatenate(bodies, axis=1), np.concatenate(centres, axis=1), np.concatenate(radius),
-        system.go_straight(), ~system.are_lengths(),
+        system.go_straight(), ~system.are_lengths(), first_components(system),
     )  # fmt: skip
 
 
@@ -60,6 +64,17 @@ def placed_centre(
         x * poses[body, 0, 1] + y * poses[body, 1, 1] + z * poses[body, 2, 1] + poses[body, 3, 1],
         x * poses[body, 0, 2] + y * poses[body, 1, 2] + z * poses[body, 2, 2] + poses[body, 3, 2],
     )
+
+
+@kernel("f8(i8[::1], i8, f8[::1])")
+def shared_length(vectors: Array, k: int, v: Array) -> float:
+    """Return |v[k]|, or the share in the length of the vector that it is a component of; see `shared_lengths`."""
+    first, square = vectors[k], 0.0
+    end = first
+    while end < len(v) and vectors[end] == first:
+        square += v[end] * v[end]
+        end += 1
+    return np.sqrt(square) / (end - first)
 
 
 @kernel("f8(Mechanism, PairFamily, i8, PairWays, i8, f8[::1], f8)")
@@ -87,12 +102,13 @@ def relative_way(
     for i in range(family.begin[pair], family.begin[pair + 1]):
         k = family.velocity[i]
         moved = scale * displacement[k]
-        far = abs(moved) * family.lever[i]
+        length = scale * shared_length(ways.vectors, k, displacement)
+        far = length * family.lever[i]
         way += far
         if not ways.straight[k]:
             turned += far
         if ways.turns[k]:
-            turning += abs(moved)
+            turning += length
         moved *= support[second, k] - support[first, k]
         x, y, z = x + moved * columns[k, 0], y + moved * columns[k, 1], z + moved * columns[k, 2]
         a, b, c = a + moved * columns[k, 3], b + moved * columns[k, 4], c + moved * columns[k, 5]

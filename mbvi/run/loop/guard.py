@@ -27,6 +27,8 @@ _MOST_MEASURED = 40
 _MOST_TURNED = 1.0
 # how much longer a way may be than its chord: an arc of 1 rad is by 4.3 %
 _CURVED = 1.1
+# component of a vector up to which its length is below `HALF_TURN`
+_HALF_TURN = HALF_TURN / 3.0**0.5
 # parts of a way along which a shape may be followed at a mesh
 _MOST_PARTS = 64
 
@@ -227,7 +229,7 @@ def may_pass(s: MechanismStep, log: LoopRecord, q: Array, v: Array, h: float, li
         return not fastest < log.slow_speed
     if total < 1.0:
         return False
-    if h * fastest > TURN or (1.0 - log.jump) * h * fastest >= HALF_TURN:
+    if h * fastest > TURN or (1.0 - log.jump) * h * fastest >= _HALF_TURN:
         # gains may be what turns it, and the way of what turns so far is not known from its ends
         return True
     travel, placed, moved = log.travel, False, log.tangents[1]

@@ -5,12 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from .joint_tree import FLIES, MOVES, SLIDES, kind_of
+from .joint_tree import FLIES, FREE, MOVES, PLANAR, SLIDES, kind_of
 
 Array = np.ndarray
 
 # reach of velocities without a known bound; its square is finite, so that products with a zero velocity are no NaN
 _UNBOUNDED = 1e150
+
+# of each velocity of a joint its place in the vector that it is a component of
+_VECTORS: dict[int | None, list[int]] = {
+    FREE: [0, 1, 2, 0, 1, 2], FLIES: [0, 1, 2, 0, 1, 2], MOVES: [0, 1, 2], PLANAR: [0, 1, 0],
+}  # fmt: skip
 
 # joints whose armature Pinocchio 4.1 adds to the mass matrix and not to the kinetic energy
 _ARMATURE_LEFT_OUT = ("JointModelRevoluteUnaligned",)
@@ -35,6 +40,15 @@ def straight_velocities(model: pin.Model) -> Array:
         if not turned[parent] and kind in (SLIDES, MOVES, FLIES):
             found[first : first + (1 if kind == SLIDES else 3)] = True
         turned.append(turned[parent] or kind not in (SLIDES, MOVES))
+    return found
+
+
+def first_components(model: pin.Model) -> Array:
+    """Return the first component of the vector that each velocity is one of, shape (nv,) of int; see `parts`."""
+    found = np.arange(model.nv)
+    for joint in list(model.joints)[1:]:
+        within = _VECTORS.get(kind_of(joint), [])
+        found[joint.idx_v : joint.idx_v + len(within)] -= np.array(within, dtype=int)
     return found
 
 
