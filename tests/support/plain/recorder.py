@@ -18,11 +18,11 @@ def _note_plain(
     k: int, number: Array, gap: Array, rates: Array, residual: float, lever: Array, limits: int, still: float,
     penetration: Array, violation: Array, residuals: Array,
 ) -> bool:  # fmt: skip
-    """Note the depths of step k and the largest residual since the last kept one; tell if an impact is possible."""
+    """Note the greatest depths up to step k and the largest residual since the last kept one; tell if an impact is possible."""
     residuals[k] = max(residuals[k], residual)
     of_limits = number < limits
-    penetration[k] = max((-gap[~of_limits]).max(initial=0.0), 0.0)
-    violation[k] = max((-gap[of_limits]).max(initial=0.0), 0.0)
+    penetration[k] = (-gap[~of_limits]).max(initial=penetration[k])
+    violation[k] = (-gap[of_limits]).max(initial=violation[k])
     return bool(closes(rates, _still(number, lever, still)).any())
 
 
