@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from copy import copy
 from typing import Any, Literal
 
 import numpy as np
@@ -14,7 +15,7 @@ from ..errors import InputError
 from .control_table import FUNCTION, HELD, ControlTable, tracking, write_torque
 from .given import called
 from .joint_forces import ForceRows
-from .mechanisms.named_joints import expanded, in_order
+from .mechanisms.named_joints import expanded, in_order, positions
 from .system import Array
 
 # by how much a time may differ from that of a step by rounding [steps]
@@ -43,7 +44,14 @@ class LoopControl:
     def fitted(self, model: pin.Model, name: str) -> LoopControl:
         """Return the control as it acts on a robot of that name, or raise `InputError` if it does not fit."""
         self.check(list(zip(list(model.nqs)[1:], list(model.nvs)[1:], strict=True)), name)
-        return self
+        table, position = self.table, positions(model)[model.nv - self.table.torque.shape[1] :]
+        moved = np.flatnonzero(table.stiffness)
+        if np.array_equal(table.position[moved], position[moved]):
+            return self
+        # a joint of several coordinates, as one without limits, lies behind a joint with a stiffness
+        new = copy(self)
+        new.table = table._replace(position=position)
+        return new
 
     def check(self, sizes: list[tuple[int, int]], name: str) -> None:
         """Raise `InputError` if the control does not fit a robot, of whose joints nq and nv are given."""

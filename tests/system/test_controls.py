@@ -43,6 +43,34 @@ def test_a_pd_control_is_its_formula(seed):
     assert not found[:-n].any()
 
 
+WHEELED = """<robot name="wheeled"><link name="base"/>
+<link name="arm"><inertial><origin xyz=".3 0 0"/><mass value="1"/>
+<inertia ixx=".01" iyy=".02" izz=".03" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="wheel"><inertial><mass value=".5"/>
+<inertia ixx=".01" iyy=".02" izz=".03" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="lift" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>
+<limit lower="-3" upper="3" effort="10" velocity="10"/></joint>
+<joint name="roll" type="continuous"><parent link="arm"/><child link="wheel"/><origin xyz=".6 0 0"/>
+<axis xyz="0 1 0"/></joint></robot>"""
+
+
+def test_a_pd_control_finds_its_joints_before_one_without_limits(tmp_path):
+    path = tmp_path / "wheeled.urdf"
+    path.write_text(WHEELED)
+    drive = mbvi.PDControl([0.3, 0.0], [50.0, 0.0], [5.0, 1.0])
+    scene = mbvi.Scene()
+    for name in ("wheeled", "other"):
+        scene.add_urdf(path, base="fixed", joints={"lift": 1.0, "roll": 0.7}, control=drive, name=name)
+    problem = scene.build()
+    v = np.array([0.2, 0.4, -0.1, 0.3])
+    wanted = [50.0 * (0.3 - 1.0) - 5.0 * 0.2, -1.0 * 0.4, 50.0 * (0.3 - 1.0) + 5.0 * 0.1, -1.0 * 0.3]
+    np.testing.assert_allclose(problem.system.torque(0.0, problem.q0, v), wanted, rtol=1e-13)
+    # targets may still be set from outside
+    drive.q[:] = 0.8, 0.0
+    wanted[0], wanted[2] = 50.0 * (0.8 - 1.0) - 5.0 * 0.2, 50.0 * (0.8 - 1.0) + 5.0 * 0.1
+    np.testing.assert_allclose(problem.system.torque(0.0, problem.q0, v), wanted, rtol=1e-13)
+
+
 def test_a_constant_torque_acts_on_the_last_velocities():
     control = mbvi.ConstantTorque([1.0, -2.0])
     assert control(0.3, np.zeros(9), np.zeros(8)).tolist() == [0.0] * 6 + [1.0, -2.0]

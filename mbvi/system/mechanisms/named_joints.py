@@ -89,7 +89,7 @@ def expanded(
     if effort_limits:
         values["limit"][here] = _efforts(model, rates, name)
     return table._replace(
-        position=_positions(model)[first:], actuators=no_forces(width), springs=no_forces(width), **values
+        position=positions(model)[first:], actuators=no_forces(width), springs=no_forces(width), **values
     )
 
 
@@ -113,7 +113,7 @@ def _efforts(model: pin.Model, rates: Array, name: str) -> Array:
     return limits
 
 
-def _positions(model: pin.Model) -> Array:
+def positions(model: pin.Model) -> Array:
     """Return for each velocity where in q its position is, counted from the end; 1 where it is not one coordinate."""
     found = np.ones(model.nv, np.int64)
     for nq, nv, at_q, at_v in zip(model.nqs, model.nvs, model.idx_qs, model.idx_vs, strict=True):
