@@ -45,16 +45,20 @@ def carried(constraints: AdmissibleSet, numbers: Array, point: Array, before: Pl
 
 
 def carried_along(constraints: AdmissibleSet, rows: Rows, before: Place, after: Place) -> Rows:
-    """Return rows with their points where the first bodies have carried them; they stay where one body is the world.
+    """Return rows with their points midway between where both bodies have carried them.
 
-    What has the nearest points then is the same for each observer in uniform motion. `before` is where the points are.
+    They stay where one body is the world, and go with walls that move. What has the nearest points then is the same for
+    each observer in uniform motion, and in whatever order bodies are numbered. `before` is where the points are.
     """
     order = rows.constraint.argsort(kind="stable")
     point, at = rows.point.copy(), plain_array(rows.point[order])
-    moved = carried(constraints, rows.constraint[order], at, before, after)[0]
+    first, second = carried(constraints, rows.constraint[order], at, before, after)
+    moved = 0.5 * (first + second)
     for family, part, own in _by_family(constraints, rows.constraint[order]):
         # of walls that move the first body is the wall, which is no body of the world
-        if type(family).bodies_of is not ConstraintFamily.bodies_of and not family.moving:
+        if family.moving:
+            moved[part] = first[part]
+        elif type(family).bodies_of is not ConstraintFamily.bodies_of:
             at_rest = family.bodies_of(own)[1] == 0
             moved[part][at_rest] = at[part][at_rest]
     point[order] = moved

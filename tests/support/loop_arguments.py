@@ -537,6 +537,10 @@ def carrier_of(rng, seed):
     return s.constraints, int(rng.integers(s.constraints.pairs.number.max(initial=20) + 1))
 
 
+def body_of(rng, seed):
+    return *carrier_of(rng, seed), int(rng.integers(2))
+
+
 def way_of(rng, seed):
     constraints, pair = clearance_of(rng, seed)
     return constraints.pairs, constraints.cache.travel[-1] + rng.random(), pair
@@ -730,6 +734,7 @@ LOOP_ARGUMENTS = {
     "way_of": way_of,
     "carry_along": carry_along,
     "carrier_of": carrier_of,
+    "body_of": body_of,
     "has_clearance": has_clearance,
     "add_ways": add_ways,
     "may_touch": may_touch,

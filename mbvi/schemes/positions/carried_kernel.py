@@ -16,6 +16,12 @@ from ..kernels.records import MechanismStep
 @kernel("i8(MechanismConstraints, i8)")
 def carrier_of(constraints: MechanismConstraints, number: int) -> int:
     """Return the first body of a constraint; 0 where one of its bodies is the world, and where it has none."""
+    return body_of(constraints, number, 0)
+
+
+@kernel("i8(MechanismConstraints, i8, i8)")
+def body_of(constraints: MechanismConstraints, number: int, side: int) -> int:
+    """Return the first or the second body of a constraint; 0 where one is the world, and where it has none."""
     for k in range(len(constraints.cache.kind)):
         kind = constraints.cache.kind[k]
         if kind == PAIRS or kind == BALLS or kind == HALF_SPACES:
@@ -24,13 +30,16 @@ def carrier_of(constraints: MechanismConstraints, number: int) -> int:
                 family = constraints.walls
             pair = number - family.number[0] if len(family.number) > 0 else -1
             if 0 <= pair < len(family.number):
-                return family.bodies[0, pair] if family.bodies[1, pair] > 0 else 0
+                other = family.bodies[1 - side, pair]
+                return family.bodies[side, pair] if other > 0 else 0
     return 0
 
 
 @kernel("void(MechanismStep, RowBuffer, b1[::1], f8[::1], f8[::1])")
 def carry_along(s: MechanismStep, rows: RowBuffer, some: Array, before: Array, after: Array) -> None:
-    """Move the points of some rows to where their bodies carry them; they stay where one body is the world.
+    """Move the points of some rows midway between where their bodies carry them, or with a wall that moves.
+
+    They stay where one body is the world.
 
     Parameters
     ----------
@@ -44,20 +53,29 @@ def carry_along(s: MechanismStep, rows: RowBuffer, some: Array, before: Array, a
         Where the points are, and where they are wanted.
     """
     m, poses, carried = rows.size[0], s.mechanism.poses, False
-    body = np.zeros(m, np.int64)
+    # bodies beyond these are walls
+    walls = len(s.scales.part_of_body)
+    body = np.zeros((2, m), np.int64)
     for a in range(m):
-        body[a] = carrier_of(s.constraints, rows.number[a]) if some[a] else 0
-        carried = carried or body[a] > 0
+        for side in range(2):
+            body[side, a] = body_of(s.constraints, rows.number[a], side) if some[a] else 0
+        if body[0, a] > walls:
+            body[1, a] = body[0, a]
+        carried = carried or body[0, a] > 0
     if not carried:
         return
     place(s.mechanism, before)
-    old = np.empty((m, 4, 3))
-    for a in range(m):
-        for r in range(4):
-            for c in range(3):
-                old[a, r, c] = poses[body[a], r, c]
+    old, found = np.empty((2, m, 4, 3)), np.empty((2, 3))
+    for side in range(2):
+        for a in range(m):
+            for r in range(4):
+                for c in range(3):
+                    old[side, a, r, c] = poses[body[side, a], r, c]
     place(s.mechanism, after)
     for a in range(m):
-        if body[a] > 0:
-            point = rows.point[a : a + 1]
-            carry_points(point, old[a : a + 1], poses[body[a] : body[a] + 1], point)
+        if body[0, a] > 0:
+            for side in range(2):
+                b = body[side, a]
+                carry_points(rows.point[a : a + 1], old[side, a : a + 1], poses[b : b + 1], found[side : side + 1])
+            for c in range(3):
+                rows.point[a, c] = 0.5 * (found[0, c] + found[1, c])
