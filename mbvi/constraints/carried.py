@@ -59,7 +59,7 @@ def carried_along(constraints: AdmissibleSet, rows: Rows, before: Place, after: 
         if family.moving:
             moved[part] = first[part]
         elif type(family).bodies_of is not ConstraintFamily.bodies_of:
-            at_rest = family.bodies_of(own)[1] == 0
+            at_rest = (np.array(family.bodies_of(own)) == 0).any(axis=0)
             moved[part][at_rest] = at[part][at_rest]
     point[order] = moved
     return rows._replace(point=point)
