@@ -18,7 +18,7 @@ def _note_plain(
     k: int, number: Array, gap: Array, rates: Array, residual: float, lever: Array, limits: int, still: float,
     penetration: Array, violation: Array, residuals: Array,
 ) -> bool:  # fmt: skip
-    """Note the greatest depths up to step k and the largest residual since the last kept one; tell if an impact is possible."""
+    """Note the greatest depths since the last kept step and the largest residual; tell if an impact is possible."""
     residuals[k] = max(residuals[k], residual)
     of_limits = number < limits
     penetration[k] = (-gap[~of_limits]).max(initial=penetration[k])
