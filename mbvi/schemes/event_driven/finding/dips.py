@@ -72,7 +72,10 @@ def first_dip(values: Callable[[float], Array], slope: Array, known: float) -> t
                 if (above & (between <= 0.0)).any():
                     ahead, later = middle, between
                 else:
-                    x = middle
-            return ahead, int((above & (later <= 0.0)).argmax())
+                    x, found = middle, between
+            first = int((above & (later <= 0.0)).argmax())
+            # a function that jumps has no root there
+            jumps = found[first] > steepest[first] * _SHORTEST
+            return (known, -1) if jumps else (ahead, first)
         x, found = ahead, later
     return known, -1
