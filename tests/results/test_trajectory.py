@@ -88,17 +88,22 @@ def test_thinned_runs_keep_every_impact(run):
     assert [i.time for i in thin.impacts] == [i.time for i in run.impacts]
 
 
-@pytest.mark.parametrize(
-    "scheme", [mbvi.Paoli(), mbvi.SchatzmanPaoli(), mbvi.StewartTrinkle(), mbvi.Adaptive(1e-2), mbvi.EventDriven(1e-3)]
-)
-def test_thinned_runs_keep_the_greatest_depths(scheme):
-    """A ball and a knee that strike: their depths last a step, which need not be a recorded one."""
+def knee_and_ball():
+    """A knee that strikes its limit, and a ball that strikes the floor."""
     scene = mbvi.Scene(restitution=0.4)
     scene.add_halfspace((0, 0, 1), name="floor")
     robot = {"joints": {"knee": 0.4}, "velocity": {"knee": -20.0}}
     scene.add_urdf(ROBOTS / "hopper/hopper.urdf", base="fixed", position=(0, 0, 3), **robot)
     scene.add_sphere(0.1, 1.0, position=(5, 0, 0.5), name="ball")
-    problem = scene.build()
+    return scene.build()
+
+
+@pytest.mark.parametrize(
+    "scheme", [mbvi.Paoli(), mbvi.SchatzmanPaoli(), mbvi.StewartTrinkle(), mbvi.Adaptive(1e-2), mbvi.EventDriven(1e-3)]
+)
+def test_thinned_runs_keep_the_greatest_depths(scheme):
+    """Depths of impacts last a step, which need not be a recorded one."""
+    problem = knee_and_ball()
     own = isinstance(scheme, mbvi.EventDriven | mbvi.Adaptive)
     options = {"duration": 0.6003, "progress": False} | ({} if own else {"step": 2e-3})
     whole, thin = (mbvi.simulate(problem, scheme, every=every, **options) for every in (1, 7))
@@ -231,13 +236,8 @@ def test_a_printed_run_says_in_five_lines_what_happened(run, tmp_path):
 
 @pytest.mark.parametrize("scheme", [mbvi.Paoli(), mbvi.EventDriven(tolerance=1e-4)])
 def test_contacts_and_joint_limits_are_kept_apart(scheme, tmp_path):
-    """A knee that strikes its limit, and a ball that strikes the floor: each has its own depth."""
-    scene = mbvi.Scene(restitution=0.4)
-    scene.add_halfspace((0, 0, 1), name="floor")
-    robot = {"joints": {"knee": 0.4}, "velocity": {"knee": -20.0}}
-    scene.add_urdf(ROBOTS / "hopper/hopper.urdf", base="fixed", position=(0, 0, 3), **robot)
-    scene.add_sphere(0.1, 1.0, position=(5, 0, 0.5), name="ball")
-    problem = scene.build()
+    """Each has its own depth."""
+    problem = knee_and_ball()
     step = {} if isinstance(scheme, mbvi.EventDriven) else {"step": 2e-3}
     run = mbvi.simulate(problem, scheme, duration=0.6, progress=False, **step)
     ball = [c for i in run.impacts for c in i.constraints if "ball" in c]

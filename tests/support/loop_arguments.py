@@ -532,13 +532,9 @@ def carry_along(rng, seed):
     return s, s.rows, rng.random(s.rows.size[0]) < 0.7, s.room.middle.copy(), s.room.end.copy()
 
 
-def carrier_of(rng, seed):
-    s = carry_along(rng, seed)[0]
-    return s.constraints, int(rng.integers(s.constraints.pairs.number.max(initial=20) + 1))
-
-
 def body_of(rng, seed):
-    return *carrier_of(rng, seed), int(rng.integers(2))
+    constraints = carry_along(rng, seed)[0].constraints
+    return constraints, int(rng.integers(constraints.pairs.number.max(initial=20) + 1)), int(rng.integers(2))
 
 
 def way_of(rng, seed):
@@ -733,7 +729,6 @@ LOOP_ARGUMENTS = {
     "clearance_of": clearance_of,
     "way_of": way_of,
     "carry_along": carry_along,
-    "carrier_of": carrier_of,
     "body_of": body_of,
     "has_clearance": has_clearance,
     "add_ways": add_ways,

@@ -32,7 +32,6 @@ from .recorded import recorded
 # contacts that a note names
 _MOST_NAMED = 3
 # exponents of the dense output
-_POWERS = np.arange(1, DEGREE + 1)
 
 
 class _EventRecorder:
@@ -101,7 +100,7 @@ class _EventRecorder:
             return self._no_motion
         displacement = system.difference(self.q[-1], q)
         ends = np.array(
-            [[v0, system.chart_rate(self.q[-1], displacement, v)], [first.dense[1, :, 0], last.dense[1] @ _POWERS]]
+            [[v0, system.chart_rate(self.q[-1], displacement, v)], [first.acceleration(0.0), last.acceleration(1.0)]]
         )
         mean = np.array([displacement, v - v0]) / h
         start, end = ends[:, 0], ends[:, 1]

@@ -37,6 +37,11 @@ _DENORMAL = 1e-290
 MARGIN = 1.2
 
 
+def slopes_at(coefficients: Array, share: float) -> Array:
+    """Return the derivatives of polynomials at a share of a step, shape (k,), of coefficients of shape (k, 7)."""
+    return np.asarray(coefficients @ (_POWERS * share ** (_POWERS - 1)))
+
+
 class RungeKuttaStep(NamedTuple):
     """One step of the smooth motion.
 
@@ -78,6 +83,10 @@ class RungeKuttaStep(NamedTuple):
         """Return (q, v) at a share of the step, by polynomials of degree seven."""
         dq, dv = self.h * (self.dense @ share**_POWERS)
         return system.integrate(self.q0, dq), self.v0 + dv
+
+    def acceleration(self, share: float) -> Array:
+        """Return dv/dt of the dense output at a share of the step, shape (nv,)."""
+        return slopes_at(self.dense[1], share)
 
     def cut(self, system: System, share: float) -> RungeKuttaStep:
         """Return the part of the step up to a share of it, by its dense output; the last acceleration is the step's."""
@@ -257,7 +266,11 @@ class Flow:
             write_dense_output(*found, self._weights, self._dense_weights, step.h, step.q0, v, K, first, dense)
             return step._replace(dense=dense)
         self._take(step.t, step.q0, v, step.h, K, self._stages + 1, len(K), closed)
-        return step._replace(dense=K[:, : 2 * len(v)].T.dot(self._dense_weights).reshape(2, len(v), DEGREE))
+        return step._replace(dense=self.polynomials(K[:, : 2 * len(v)]).reshape(2, len(v), DEGREE))
+
+    def polynomials(self, rates: Array) -> Array:
+        """Return the coefficients of what some rates of all stages, shape (16, k), add up to over h, shape (k, 7)."""
+        return np.asarray(rates.T.dot(self._dense_weights))
 
     def _constant(self, closed: Array) -> tuple[SmoothMotion, HeldRows] | None:
         """Return the records of motion with some closed rows if no control acts and kernels know all, else None."""

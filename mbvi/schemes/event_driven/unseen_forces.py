@@ -10,7 +10,7 @@ from ...system.control_table import TRACKING
 from ...system.controls import LoopControl
 from ...system.parts import parts_of
 from ...system.system import Array, System
-from .runge_kutta import Flow, RungeKuttaStep
+from .runge_kutta import Flow, RungeKuttaStep, slopes_at
 
 # time between places at which accelerations are compared [s]; stages of steps of twice this time are nearer to each
 # other
@@ -19,7 +19,6 @@ _APART = 0.01
 _ALLOWED = 10.0
 # least and most part of a step that is left before such an acceleration
 _LEAST, _MOST = 0.2, 0.5
-_POWERS = np.arange(1, 8)
 
 
 class UnseenForces:
@@ -56,15 +55,13 @@ class UnseenForces:
         if not self._may_be or length <= 2.0 * _APART:
             return 1.0
         allowed = self._allowed * float(np.abs(step.v / self._units).max(initial=1.0))
-        count, flow, nv = math.ceil(length / _APART), self._flow, len(step.v)
-        shares = share * np.arange(1, count) / count
-        places, speeds = step.h * (step.dense @ shares ** _POWERS[:, None])
-        slopes = step.dense[1] @ (_POWERS[:, None] * shares ** (_POWERS[:, None] - 1))
-        for at, dq, dv, slope in zip(shares.tolist(), places.T, speeds.T, slopes.T, strict=True):
-            q, v = flow.system.integrate(step.q0, dq), step.v0 + dv
-            miss = flow.acceleration(step.t + at * step.h, q, v, closed)[:nv] - slope
+        # with contacts also accelerations without their forces: they tell what closed contacts hold
+        coefficients, units = self._flow.polynomials(step.rates[:, len(step.v) :]), np.resize(self._units, len(step.a))
+        for at in np.linspace(0.0, share, math.ceil(length / _APART) + 1)[1:-1].tolist():
+            q, v = step.at(self._flow.system, at)
+            miss = self._flow.acceleration(step.t + at * step.h, q, v, closed) - slopes_at(coefficients, at)
             # written so that a NaN is found too
-            if not float(np.abs(miss / self._units).max(initial=0.0)) <= allowed:
+            if not float(np.abs(miss / units).max(initial=0.0)) <= allowed:
                 return min(max(at - _APART / step.h, _LEAST), _MOST)
         return 1.0
 

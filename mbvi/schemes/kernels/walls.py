@@ -11,7 +11,7 @@ from ...geometry.vectors import dot
 from ...system.mechanisms.frames import cross_product
 from ...system.mechanisms.mechanism import place
 from ...system.system import Array
-from ..positions.carried_kernel import carrier_of
+from ..positions.carried_kernel import body_of
 from ..step import BENDS, FARTHEST
 from .records import MechanismStep
 
@@ -69,7 +69,7 @@ def take_mean_rates(s: MechanismStep, q: Array, time: float) -> None:
     point, body, there = rows.point[:m].copy(), np.empty(m, np.int64), q.copy()
     old = np.empty((m, 4, 3))
     for a in range(m):
-        body[a] = carrier_of(s.constraints, rows.number[a])
+        body[a] = body_of(s.constraints, rows.number[a], 0)
         for r in range(4):
             for c in range(3):
                 old[a, r, c] = poses[body[a], r, c]

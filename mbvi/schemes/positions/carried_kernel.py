@@ -13,12 +13,6 @@ from ...system.system import Array
 from ..kernels.records import MechanismStep
 
 
-@kernel("i8(MechanismConstraints, i8)")
-def carrier_of(constraints: MechanismConstraints, number: int) -> int:
-    """Return the first body of a constraint; 0 where one of its bodies is the world, and where it has none."""
-    return body_of(constraints, number, 0)
-
-
 @kernel("i8(MechanismConstraints, i8, i8)")
 def body_of(constraints: MechanismConstraints, number: int, side: int) -> int:
     """Return the first or the second body of a constraint; 0 where one is the world, and where it has none."""

@@ -73,3 +73,32 @@ def test_a_control_of_a_robot_is_felt_in_flight(joint):
     steps = mbvi.simulate(problem, mbvi.Centered(), step=1e-4, duration=0.5)
     assert run.v[-1][joint] > 3.0
     np.testing.assert_allclose(steps.v[-1], run.v[-1], rtol=0, atol=1e-3)
+
+
+@pytest.mark.parametrize("size", [5.0, 30.0])
+def test_a_box_with_friction_is_pushed(size):
+    """It stays where friction holds it; else it slides until friction has taken its velocity."""
+    force, scene, length = pulse(size, 0.7, 0.02), mbvi.Scene(friction=0.5), 0.02
+    scene.add_halfspace((0, 0, 1), name="floor")
+    scene.add_box((1.0, 1.0, 0.2), mass=2.0, position=(0, 0, 0.1), name="box")
+    # at the floor: the push turns the box no more than its friction
+    scene.add_force("box", lambda t, q, v: [force(t), 0, 0, 0, -0.1 * force(t), 0])
+    run = mbvi.simulate(scene.build(), mbvi.EventDriven(TOLERANCE), duration=2.0)
+    most = 0.5 * 9.81
+    speed = max(size / 2.0 - most, 0.0) * length
+    np.testing.assert_allclose(run.q[-1][0], 0.5 * speed * length + 0.5 * speed**2 / most, rtol=0, atol=10 * TOLERANCE)
+    assert run.notes == ()
+
+
+def test_a_box_is_lifted():
+    """It jumps, and lands after the time of its flight."""
+    size, begin, length = 60.0, 0.7, 0.02
+    force, scene = pulse(size, begin, length), mbvi.Scene()
+    scene.add_halfspace((0, 0, 1), name="floor")
+    scene.add_box((1.0, 1.0, 0.2), mass=2.0, position=(0, 0, 0.1), name="box")
+    scene.add_force("box", lambda t, q, v: [0, 0, force(t), 0, 0, 0])
+    run = mbvi.simulate(scene.build(), mbvi.EventDriven(TOLERANCE), duration=2.0)
+    speed = (size / 2.0 - 9.81) * length
+    flight = (speed + np.sqrt(speed**2 + 9.81 * speed * length)) / 9.81
+    assert len(run.impacts) == 1 and run.notes == ()
+    np.testing.assert_allclose(run.impacts[0].time, begin + length + flight, rtol=0, atol=10 * TOLERANCE)

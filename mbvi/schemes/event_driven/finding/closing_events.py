@@ -17,7 +17,7 @@ from ..stages import MechanismStages
 from .closing_roots import ClosingRows
 from .closing_search import NOT_KNOWN, first_closing, write_candidates
 from .crossing import crossing_share
-from .dips import first_dip, may_dip, unresolved
+from .dips import first_dip
 from .interpolants import COARSE, FEW_NODES, FINE
 from .root_finding import first_root
 
@@ -172,16 +172,9 @@ class ClosingEvents:
         given = np.isinf(fall[near]).nonzero()[0]
         if given.size:
             # how far bodies move such a gap is not known: it may reach zero between nodes, too
-            values = bounds[:, near][:, given] + margin[given]
-            bends = unresolved(values)
-            given, values = given[bends], values[:, bends]
-        if given.size:
-            slope = self._slopes(step, suspects[given])
-            dips = may_dip(values, slope)
-            given, slope = given[dips], slope[dips]
-        if given.size:
-            share, dip = first_dip(lambda x: gaps(np.array([x]), given)[0], slope, share)
-            k = int(given[dip]) if dip >= 0 else k
+            slopes = partial(self._slopes, step, suspects[given])
+            dip, i = first_dip(lambda x, of: gaps(x, given[of]), slopes, known[:, given], share)
+            share, k = (dip, int(given[i])) if i >= 0 else (share, k)
         return share, suspects[k : k + 1] if share < 1.0 else suspects[:0]
 
     def _slopes(self, step: RungeKuttaStep, index: Array) -> Array:

@@ -8,7 +8,7 @@ import numpy as np
 
 from ....system.system import Array
 from .interpolants import COARSE, FEW_NODES, interpolation_error
-from .root_finding import NOISE, RESOLVED
+from .root_finding import NOISE, RESOLVED, Values
 
 # bound of how fast a gap falls, relative to its largest rate at the nodes
 _STEEPER = 2.0
@@ -22,43 +22,44 @@ _EARLIER = 1e-5
 _LENGTHS = np.diff(FEW_NODES)[:, None]
 
 
-def unresolved(known: Array) -> Array:
-    """Return which functions are no polynomials of low degree, shape (k,) of bool; see `may_dip`."""
-    values = np.ascontiguousarray(known)
-    error = [interpolation_error(COARSE.last, values, k) for k in range(values.shape[1])]
-    return np.asarray(error) > np.maximum(RESOLVED * np.abs(values).max(axis=0), NOISE)
-
-
-def may_dip(known: Array, slope: Array) -> Array:
-    """Return which functions may reach zero between nodes, shape (k,) of bool.
-
-    Parameters
-    ----------
-    known : ndarray, shape (5, k)
-        Their values at `FEW_NODES`.
-    slope : ndarray, shape (k,)
-        The largest of their slopes there.
-    """
-    return ~np.asarray((known[1:] + known[:-1] > _LENGTHS * _STEEPER * slope).all(axis=0))
-
-
-def first_dip(values: Callable[[float], Array], slope: Array, known: float) -> tuple[float, int]:
+def first_dip(values: Values, slopes: Callable[[], Array], nodes: Array, root: float) -> tuple[float, int]:
     """Return where one of some functions first falls through zero well before a known root, and which.
 
-    Without one, the known root and -1. Steps along the functions are as long as none can reach zero, if its slope is at
-    most twice the given one, but not shorter than a 10,000th of [0, 1], after 100 steps than a 128th.
+    Without one, the known root and -1. Functions that are polynomials of low degree have none.
 
     Parameters
     ----------
     values : callable
-        values(x) -> the functions at x in [0, 1], shape (k,).
-    slope : ndarray, shape (k,)
-        Slopes of the functions.
-    known : float
+        See `first_root`.
+    slopes : callable
+        slopes() -> the largest slopes of all at `FEW_NODES`, shape (k,).
+    nodes : ndarray, shape (5, k)
+        The functions there; NaN where a function is not known.
+    root : float
         The first root that is known, or 1.
     """
-    x, end, steepest = 0.0, known - _EARLIER, np.maximum(_STEEPER * slope, np.finfo(float).tiny)
-    found, count = values(x), 0
+    nodes = np.ascontiguousarray(nodes)
+    error = [interpolation_error(COARSE.last, nodes, k) for k in range(nodes.shape[1])]
+    # written so that a NaN is no polynomial
+    bends = ~(np.asarray(error) <= np.maximum(RESOLVED * np.abs(nodes).max(axis=0), NOISE))
+    if not bends.any():
+        return root, -1
+    steepest = np.maximum(_STEEPER * slopes(), np.finfo(float).tiny)
+    asked = bends & ~(nodes[1:] + nodes[:-1] > _LENGTHS * steepest).all(axis=0)
+    if not asked.any():
+        return root, -1
+    which = np.flatnonzero(asked)
+    x, first = _followed(lambda x: values(np.array([x]), which)[0], steepest[which], root)
+    return x, int(which[first]) if first >= 0 else -1
+
+
+def _followed(values: Callable[[float], Array], steepest: Array, root: float) -> tuple[float, int]:
+    """Return what `first_dip` does, by steps in which no function reaches zero if none has steeper slopes.
+
+    No step is shorter than a 10,000th of [0, 1], after 100 steps than a 128th.
+    """
+    x, end, count = 0.0, root - _EARLIER, 0
+    found = values(x)
     while x < end:
         # a function that starts below zero has no root before it rises
         above = found > 0.0
@@ -76,6 +77,6 @@ def first_dip(values: Callable[[float], Array], slope: Array, known: float) -> t
             first = int((above & (later <= 0.0)).argmax())
             # a function that jumps has no root there
             jumps = found[first] > steepest[first] * _SHORTEST
-            return (known, -1) if jumps else (ahead, first)
+            return (root, -1) if jumps else (ahead, first)
         x, found = ahead, later
-    return known, -1
+    return root, -1

@@ -9,7 +9,7 @@ import numpy as np
 from ....system.system import Array
 from ..rows.contact_rows import SmoothRows
 from ..rows.row_sets import members
-from ..runge_kutta import DEGREE, DEPENDENT, ContactEquations, Flow, RungeKuttaStep, least_percussion
+from ..runge_kutta import DEPENDENT, ContactEquations, Flow, RungeKuttaStep, least_percussion
 
 # slip that counts as none, relative to the sum of its terms: more than their rounding
 STILL = 1e-12
@@ -19,7 +19,6 @@ _AMBIGUOUS = 1e-7
 # a slip begins in a step in which it grows by more than the inverse of this; where the dense output is checked, and the
 # weight of what it misses in other steps
 _BEGINS, _CHECKED, _USUAL = 0.1, (0.3, 0.7, 0.95), 0.01
-_POWERS = np.arange(1, DEGREE + 1)
 
 
 class ModeForces(NamedTuple):
@@ -239,8 +238,7 @@ class ContactModes:
         usual = self.stopped < 0 and not (slip < _BEGINS * after)[~self.sticks].any()
         for node in (share * part for part in _CHECKED):
             q, v = step.at(self.system, node)
-            slope = step.dense[1] @ (_POWERS * node ** (_POWERS - 1))
-            miss = self.acceleration(step.t + node * step.h, q, v, closed)[: len(v)] - slope
+            miss = self.acceleration(step.t + node * step.h, q, v, closed)[: len(v)] - step.acceleration(node)
             largest = max(largest, share * step.h * float(np.abs(miss / units).max(initial=0.0)))
         return (_USUAL if usual else 1.0) * largest / speed
 
