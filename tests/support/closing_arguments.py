@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from mbvi.constraints.features.feature_kernels import EDGES, POINTS, VERTEX_FACE
 from mbvi.constraints.mechanism.held_rows import LIMIT, RowParts, row_room
 from mbvi.schemes.event_driven.finding.closing_roots import ClosingRows
 from mbvi.schemes.event_driven.finding.interpolants import COARSE, FINE
@@ -76,6 +77,16 @@ def closing_arguments(near):
         found, (dense, h, q, v) = row_at(rng, seed)
         return *found, dense, h, rng.random(), q, v, 1e-12, 1.1, 4
 
+    def write_differences(rng, seed):
+        motion, _, shapes, pairs, _, dense, h, q, v = within_a_step(rng, seed)
+        features = rng.normal(size=(3, 2, 2, 3))
+        features[:, :, 1] /= np.linalg.norm(features[:, :, 1], axis=2, keepdims=True)
+        kind, sides = np.array([VERTEX_FACE, EDGES, POINTS]), np.array([[2, 3], [2, 3], [4, 5]])
+        parts = RowParts(kind, sides, features, *rng.random((2, 3)))
+        surfaces = rng.normal(size=(8, 4)), np.sort(rng.integers(0, 9, size=(3, 2, 2)), axis=2)
+        which = motion, parts, shapes, pairs, np.arange(2), np.arange(3), np.array([0, 0, 1])
+        return *which, *surfaces, dense, h, rng.random(), q, v, np.full(2, np.nan)
+
     def nearest_contact(rng, seed):
         shapes, pairs = near(seed)[1:]
         return shapes, pairs, int(rng.integers(2)), np.inf, *np.full((2, 3), np.nan)
@@ -89,6 +100,7 @@ def closing_arguments(near):
         "first_closing": first_closing,
         "write_gradient_at": write_gradient_at,
         "crossing_share": crossing_share,
+        "write_differences": write_differences,
         "nearest_contact": nearest_contact,
         "write_placed_distances": lambda rng, seed: (
             *near(seed)[1:],

@@ -96,6 +96,11 @@ def _measured(rng):
     return motion.mechanism, parts, index, q, np.full(3, np.nan)
 
 
+def _measured_in_room(rng):
+    *found, gap = _measured(rng)
+    return *found, *np.full((2, 2, 3), np.nan), gap
+
+
 def _some_of(rng):
     """Five rows of a robot, of which three are asked for; the robot was placed elsewhere."""
     system, motion, _, q, v = moving(rng)
@@ -110,8 +115,6 @@ def _gaps_at(rng):
 
 def _points_at(rng):
     mechanism, parts, index, q, _ = _some_of(rng)
-    # limits have no points
-    index = index[parts.kind[index] != LIMIT]
     return mechanism, parts, row_room(), index, q, *np.full((2, len(index), 3), np.nan)
 
 
@@ -342,6 +345,7 @@ HELD_ROW_ARGUMENTS = {
     "slips_at": _slips_at,
     "write_tangents_of": lambda rng: (unit(rng), np.full((2, 3), np.nan)),
     "write_gaps_of": _measured,
+    "write_each_gap": _measured_in_room,
     "point_motion": _point,
     "write_held": _written,
     "hold": _held,

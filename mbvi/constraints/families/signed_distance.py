@@ -136,7 +136,7 @@ class SignedDistances(Pairs):
         # the nearest point of a convex body to the centre of a ball moves without jumps
         smooth = self.smooth | (ball[first] & (flat | ball)[second]) | (flat[first] & ball[second])
         rounded = np.array([is_round(s) for s in self._shapes.placed])
-        featured = (flat[first] | rounded[first]) & (flat[second] | rounded[second]) & ~smooth & (not self._planar)
+        featured = (flat[first] | rounded[first]) & (flat[second] | rounded[second]) & ~self.smooth & (not self._planar)
         capsule = np.array([isinstance(s.shape, Capsule) for s in self._shapes.placed])
         featured &= flat[first] | flat[second] | (capsule[first] & capsule[second])
         if self._fixed is not None:

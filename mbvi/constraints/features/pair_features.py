@@ -147,8 +147,12 @@ class FeatureRows:
     def outside(self, q: Array, rows: Array) -> Array:
         """Return how far the contact points of some rows are outside the shapes, beyond their gaps, shape (k,) [m]."""
         at, found = self._at(q, rows), np.empty(len(rows))
-        write_outside(at.kind, at.places, at.gap, self._on_surfaces(at, rows), self._planes, self._faces[rows], found)
+        write_outside(at.kind, at.places, at.gap, self._on_surfaces(at, rows), *self.surfaces(rows), found)
         return found
+
+    def surfaces(self, rows: Array) -> tuple[Array, Array]:
+        """Return all faces, and where those of either shape of some rows begin and end; see `write_outside`."""
+        return self._planes, self._faces[rows]
 
     def _on_surfaces(self, at: Touching, rows: Array) -> Array:
         """Return the contact points of some rows on the surfaces, shape (k, 3)."""

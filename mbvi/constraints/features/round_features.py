@@ -1,4 +1,4 @@
-"""Which features of a polyhedron and a capsule or cylinder, or of two capsules, touch."""
+"""Which features of a polyhedron and a round shape, or of two capsules, touch."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...geometry.shapes.shapes import Capsule, Cylinder, PlacedShape
+from ...geometry.shapes.shapes import Capsule, Cylinder, PlacedShape, Sphere
 from ..rows import Array
 from .feature_kernels import EDGES, FACE_RIM, FACE_VERTEX, LINE_VERTEX, POINTS, RIM_FACE, VERTEX_FACE, VERTEX_LINE
 
@@ -45,12 +45,14 @@ class Features(NamedTuple):
 
 
 def is_round(placed: PlacedShape) -> bool:
-    """Return whether a shape is a capsule or a cylinder."""
-    return isinstance(placed.shape, Capsule | Cylinder)
+    """Return whether a shape is a ball, a capsule or a cylinder."""
+    return isinstance(placed.shape, Sphere | Capsule | Cylinder)
 
 
 def ends_of(placed: PlacedShape) -> Array:
-    """Return the planes at both ends of the axis of a capsule or a cylinder, shape (2, 4); see `write_outside`."""
+    """Return the planes at both ends of the axis of a round shape, shape (2, 4), of a ball (0, 4); see `write_outside`."""
+    if isinstance(placed.shape, Sphere):
+        return np.zeros((0, 4))
     assert isinstance(placed.shape, Capsule | Cylinder)
     axis, half = placed.rotation[:, 2], 0.5 * placed.shape.length
     along = float(axis @ placed.position)
@@ -122,7 +124,7 @@ def features_of_round(
     shapes: list[PlacedShape], planes: list[Array], places: Array, bound: float, point: Array, normal: Array,
     alone: bool,
 ) -> Features | None:  # fmt: skip
-    """Return which features of two shapes touch, of which one is a polyhedron and one a capsule or cylinder.
+    """Return which features of two shapes touch, of which one is a polyhedron and one round.
 
     None where that is unclear: where a rim touches an edge or a vertex, or, if they are to touch `alone`, where they
     may share more than the point.
@@ -130,11 +132,13 @@ def features_of_round(
     k = int(is_round(shapes[1]))
     placed, place, towards = shapes[k], places[k], normal if k == 0 else -normal
     shape = placed.shape
+    other = _Polyhedron(shapes[1 - k], planes[1 - k], places[1 - k], bound, point, towards)
+    if isinstance(shape, Sphere):
+        return _at_end(shape.radius, placed.position, other, k)
     assert isinstance(shape, Capsule | Cylinder)
     axis, centre, half = placed.rotation[:, 2], placed.position, 0.5 * shape.length
     straight = float(axis @ (place[:3] @ towards))
     along = float((place[:3] @ (point - place[3]) - centre) @ axis)
-    other = _Polyhedron(shapes[1 - k], planes[1 - k], places[1 - k], bound, point, towards)
     at_end = abs(along) >= half - NEAR * bound
     end = centre + np.copysign(half, along if abs(straight) <= _STRAIGHT else straight) * axis
     if isinstance(shape, Cylinder) and abs(straight) > _STRAIGHT:
@@ -203,7 +207,7 @@ def _face(other: _Polyhedron, k: int) -> Array:
 
 
 def _at_end(radius: float, end: Array, other: _Polyhedron, k: int) -> Features | None:
-    """Return the features where the end of a capsule touches."""
+    """Return the features where the end of a capsule, or a ball, touches."""
     own, shift = np.array([end, np.zeros(3)]), radius if k == 0 else -radius
     if other.vertex is not None:
         both = own, np.array([other.vertex, np.zeros(3)])

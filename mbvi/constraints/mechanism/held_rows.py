@@ -136,10 +136,11 @@ def unknown_parts(count: int) -> RowParts:
     return RowParts(np.full(count, UNKNOWN), sides, parts, *np.zeros((2, count)))
 
 
-@kernel("void(Mechanism, RowParts, i8[::1], f8[::1], f8[::1])")
-def write_gaps_of(m: Mechanism, rows: RowParts, index: Array, q: Array, gap: Array) -> None:
-    """Write the gaps of some of the rows, shape (k,), at q, where the mechanism is placed."""
-    along, both = np.empty((2, 3)), np.empty((2, 3))
+@kernel("void(Mechanism, RowParts, i8[::1], f8[::1], f8[:,::1], f8[:,::1], f8[::1])")
+def write_each_gap(
+    m: Mechanism, rows: RowParts, index: Array, q: Array, along: Array, both: Array, gap: Array
+) -> None:  # fmt: skip
+    """Write what `write_gaps_of` does; `along` and `both`, shapes (2, 3), are room. Loops without arrays are faster."""
     for i in range(len(index)):
         r = index[i]
         first, second, part = rows.sides[r, 0], rows.sides[r, 1], rows.parts[r]
@@ -148,6 +149,13 @@ def write_gaps_of(m: Mechanism, rows: RowParts, index: Array, q: Array, gap: Arr
         else:
             places = m.poses[first], m.poses[second]
             gap[i] = touch(rows.kind[r], part, rows.radius[r], places[0], places[1], along, both[0], both[1])
+
+
+@kernel("void(Mechanism, RowParts, i8[::1], f8[::1], f8[::1])")
+def write_gaps_of(m: Mechanism, rows: RowParts, index: Array, q: Array, gap: Array) -> None:
+    """Write the gaps of some of the rows, shape (k,), at q, where the mechanism is placed."""
+    along, both = np.empty((2, 3)), np.empty((2, 3))
+    write_each_gap(m, rows, index, q, along, both, gap)
 
 
 @kernel("UniTuple(f8, 6)(JointTree, i8, f8[::1])")

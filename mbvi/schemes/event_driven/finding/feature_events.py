@@ -6,15 +6,75 @@ from collections.abc import Callable
 
 import numpy as np
 
+from ....compiled import kernel
+from ....constraints.features.feature_kernels import touch, write_outside
+from ....constraints.mechanism.held_rows import RowParts
+from ....constraints.mechanism.pairs import PairShapes, place_bodies
+from ....geometry.shapes.shape_table import Shapes  # noqa: F401  (a signature names it)
+from ....system.mechanisms.mechanism import place
 from ....system.system import Array
 from ..motion_state import NO_ROWS, MotionState
+from ..rows.known_pairs import write_placed_distances
 from ..rows.row_sets import members
 from ..runge_kutta import RungeKuttaStep
+from ..stages import SmoothMotion, state_at
 
 # shares of a step at which features are compared, and how near to the change, in roundings of gaps, the search ends
 _NODES, _NEAR = (0.5, 1.0), 3.0
 # most evaluations of a search, and the share of a step to which it finds a change
 _MOST, _SHORT = 60, 1e-13
+
+
+@kernel(
+    "void(SmoothMotion, RowParts, Tuple(Shapes), PairShapes, i8[::1], i8[::1], i8[::1], f8[:,::1], i8[:,:,::1],"
+    " f8[:,:,::1], f8, f8, Array(f8, 1, 'C', True), Array(f8, 1, 'C', True), f8[::1])"
+)
+def write_differences(
+    s: SmoothMotion, parts: RowParts, tables: tuple[Array, ...], shapes: PairShapes, pairs: Array, features: Array,
+    which: Array, planes: Array, faces: Array, dense: Array, h: float, share: float, q: Array, v: Array,
+    differs: Array,
+) -> None:  # fmt: skip
+    """Write by how much the features of some pairs are not the nearest ones of both shapes, shape (k,) [m].
+
+    That is how far their least gap is from the pair's distance, or how far contact points are outside the shapes.
+
+    Parameters
+    ----------
+    s, parts, tables, shapes
+        See `earliest_root`.
+    pairs : ndarray of int, shape (k,)
+        The pairs.
+    features, which : ndarray of int, shape (m,)
+        Rows of features, and which of the pairs each belongs to.
+    planes, faces
+        See `SmoothRows.surfaces`.
+    dense, h, share, q, v
+        See `state_at`.
+    """
+    k, m = len(features), s.mechanism
+    state_at(s, dense, h, share, q, v)
+    place(m, s.q)
+    place_bodies(m, shapes)
+    kind, places, along, normal = np.empty(k, np.int64), np.empty((k, 2, 4, 3)), np.empty((2, 3)), np.empty(3)
+    gap, point, outside, distance = np.empty(k), np.empty((k, 3)), np.empty(k), np.empty(len(pairs))
+    for i in range(k):
+        r = features[i]
+        kind[i] = parts.kind[r]
+        for side in range(2):
+            for c in range(4):
+                for d in range(3):
+                    places[i, side, c, d] = m.poses[parts.sides[r, side], c, d]
+        gap[i] = touch(kind[i], parts.parts[r], parts.radius[r], places[i, 0], places[i, 1], along, point[i], normal)
+        for c in range(3):
+            point[i, c] += parts.shift[r] * normal[c]
+    write_outside(kind, places, gap, point, planes, faces, outside)
+    write_placed_distances(tables, shapes, pairs, np.inf, distance)
+    for i in range(len(pairs)):
+        least, most = np.inf, -np.inf
+        for j in range(k):
+            if which[j] == i:
+                least, most = min(least, gap[j]), max(most, outside[j])
+        differs[i] = max(abs(distance[i] - least), most)
 
 
 def first_feature_change(state: MotionState, step: RungeKuttaStep, share: float) -> tuple[float, Array]:
@@ -30,8 +90,12 @@ def first_feature_change(state: MotionState, step: RungeKuttaStep, share: float)
     rows, features = state.rows, state.closed[state.closed >= len(state.rows.all)]
     which, allowed = np.searchsorted(pairs, rows.pair[features]), rows.rounding[pairs]
 
+    known = _by_kernel(state, step, pairs, features, which)
+
     def excess(x: float) -> Array:
         """Return by how much distances differ from those of the features, in roundings of gaps, less 1."""
+        if known is not None:
+            return known(x) / allowed - 1.0
         t, q = step.t + x * step.h, step.at(state.system, x)[0] if x < 1.0 else step.q
         least = np.full(len(pairs), np.inf)
         np.minimum.at(least, which, rows.gaps(t, q, features))
@@ -47,6 +111,24 @@ def first_feature_change(state: MotionState, step: RungeKuttaStep, share: float)
             return _narrowed(excess, low, high, found, pairs)
         low = high
     return share, NO_ROWS
+
+
+def _by_kernel(
+    state: MotionState, step: RungeKuttaStep, pairs: Array, features: Array, which: Array
+) -> Callable[[float], Array] | None:
+    """Return what tells at a share of a step what `write_differences` does, or None where kernels know too little."""
+    rows, kernels = state.rows, state.flow.kernels
+    if kernels is None or rows.searched is None or (rows.searched_pair[pairs] < 0).any():
+        return None
+    shapes = rows.searched.tables, rows.searched.shapes, rows.searched_pair[pairs]
+    fixed = kernels.motion, kernels.rows.parts, *shapes, features, which, *rows.surfaces(features)
+    way, differs = (step.dense, step.h), np.empty(len(pairs))
+
+    def differences(x: float) -> Array:
+        write_differences(*fixed, *way, x, step.q0, step.v0, differs)
+        return differs
+
+    return differences
 
 
 def _narrowed(

@@ -110,7 +110,7 @@ class SmoothRows:
         self._features = FeatureRows(self._system)
         self.lever = np.broadcast_to(constraints.levers(self.number), (start,))
         self.rounding = _ROUNDING * max(length, extent(self._system, q)) / self.lever
-        self.rounding[~self.smooth] *= SEARCHED
+        self.rounding[~self.smooth | self.featured] *= SEARCHED
         self.friction: Array | None = None
         self._splits: dict[bytes, list[tuple[ConstraintFamily | FeatureRows, Array]]] = {}
         parts = self.parts(self.all)
@@ -139,8 +139,7 @@ class SmoothRows:
         tolerance : float
             Gap at and below which a feature touches [m].
         """
-        pairs = index[index < len(self.all)]
-        pairs = pairs[self.featured[pairs]]
+        pairs = index[self.featured[index]]
         if not pairs.size:
             return index
         found, replaced = index, self.pair[kept[kept >= len(self.all)]]
@@ -158,10 +157,13 @@ class SmoothRows:
         """Return how far the contact points of some rows of features are outside the shapes, shape (k,) [m]."""
         return self._features.outside(q, index - len(self.all))
 
+    def surfaces(self, index: Array) -> tuple[Array, Array]:
+        """Return the faces that some rows of features are on; see `write_outside`."""
+        return self._features.surfaces(index - len(self.all))
+
     def _extend(self, pair: int, new: Array) -> None:
         """Give rows of features what their pair has."""
-        count = int(new.max(initial=-1)) + 1 - len(self.pair)
-        if count <= 0:
+        if (count := int(new.max(initial=-1)) + 1 - len(self.pair)) <= 0:
             return
         for name in ("number", "restitution", "lever", "rounding"):
             column = getattr(self, name)
@@ -317,10 +319,12 @@ class SmoothRows:
 
     def points(self, t: float, q: Array, index: Array) -> tuple[Array, Array]:
         """Return contact points and normals of some rows, shapes (k, 3); NaN where a row is no contact."""
+        if (kernels := self._kernels_of(index)) is not None:
+            return kernels.points(q, index)
         both = self._each(index, lambda family, rows: np.hstack(family.row_points(t, q, rows)), np.zeros((0, 6)))
-        if self.kernels is not None and (rims := self.kernels.rims[index]).any():
-            # any point of a rim that lies flat may be the lowest: it is to be that of the gradient
-            both[rims] = np.hstack(self.kernels.points(q, index[rims]))
+        if self.kernels is not None and (known := self.kernels.known[index]).any():
+            # any point of a rim that lies flat may be the lowest: this is that of the gradient
+            both[known] = np.hstack(self.kernels.points(q, index[known]))
         return both[:, :3], both[:, 3:]
 
     def _each(

@@ -56,6 +56,9 @@ def held_rows(rows: SmoothRows, t: float, q: Array, touching: Array, closed: Arr
     touching, closed : ndarray of int
         Rows that touch, all of them, and those of them that are closed.
     """
+    if len(touching) <= FEW_POINTS:
+        # all of them were asked, as no shape has more
+        return touching[:0]
     number, held, bears = rows.number[touching], [touching[:0]], members(touching, closed)
     for one in np.unique(number[bears]).tolist():
         own = number == one

@@ -20,6 +20,8 @@ from ....system.system import Array
 
 # in the place of a row's pair: a row that is none, and one that kernels do not know
 NO_PAIR, UNKNOWN_ROW = -1, -2
+# gap of a contact above the distance of its pair by which it is not the nearest, relative to the smaller shape
+_ALONE = 1e-13
 
 
 @kernel("f8(Tuple(Shapes), PairShapes, i8, f8, f8[::1], f8[::1])")
@@ -47,6 +49,11 @@ def nearest_contact(
         ), 0  # fmt: skip
     for j in range(1, total):
         least = j if shapes.gap[j] < shapes.gap[least] else least
+    if shapes.form[pair] == NONE and shapes.gap[least] > shapes.distance[0] + _ALONE * shapes.bound[pair]:
+        # where edges cross, corners of nearly level faces lie higher
+        for c in range(3):
+            point[c], normal[c] = shapes.middle[0, c], shapes.normal[0, c]
+        return shapes.distance[0]
     for c in range(3):
         point[c], normal[c] = shapes.point[least, c], shapes.normals[least, c]
     return shapes.gap[least]

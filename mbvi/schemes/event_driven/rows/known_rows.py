@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ....compiled import held, kernel, plain_array
-from ....constraints.features.feature_kernels import FACE_RIM, touch
+from ....constraints.features.feature_kernels import touch
 from ....constraints.mechanism.held_rows import (
     LIMIT,
     UNKNOWN,
@@ -56,12 +56,18 @@ def biases_at(
 
 @kernel("void(Mechanism, RowParts, RowRoom, i8[::1], f8[::1], f8[:,::1], f8[:,::1])")
 def points_at(m: Mechanism, rows: RowParts, room: RowRoom, index: Array, q: Array, point: Array, normal: Array) -> None:
-    """Write where the features of some of the rows touch at q, and their normals, shapes (k, 3); they are no limits."""
+    """Write contact points and normals of some of the rows at q, shapes (k, 3); NaN of limits of joints."""
     place(m, q)
     for i in range(len(index)):
         r = index[i]
+        if rows.kind[r] == LIMIT:
+            for c in range(3):
+                point[i, c] = normal[i, c] = np.nan
+            continue
         places = m.poses[rows.sides[r, 0]], m.poses[rows.sides[r, 1]]
         touch(rows.kind[r], rows.parts[r], rows.radius[r], places[0], places[1], room.along, point[i], normal[i])
+        for c in range(3):
+            point[i, c] += rows.shift[r] * normal[i, c]
 
 
 @kernel(
@@ -115,8 +121,8 @@ class KnownRows:
         The same, as `held` returns them.
     room : RowRoom
         Room.
-    known, rims : ndarray of bool, shape (m,)
-        Which rows kernels know, and which are rims on faces.
+    known : ndarray of bool, shape (m,)
+        Which rows kernels know.
     """
 
     def __init__(self, system: ArticulatedSystem, mechanism: Mechanism, parts: RowParts) -> None:
@@ -127,7 +133,7 @@ class KnownRows:
     def add(self, parts: RowParts) -> None:
         """Add rows behind the others."""
         parts = self._all = RowParts(*map(np.concatenate, zip(self._all, parts, strict=True)))
-        self.parts, self.known, self.rims = held(parts), parts.kind != UNKNOWN, parts.kind == FACE_RIM
+        self.parts, self.known = held(parts), parts.kind != UNKNOWN
 
     def parts_of(self, index: Array) -> RowParts:
         """Return what some rows are."""
@@ -146,7 +152,7 @@ class KnownRows:
         return J
 
     def points(self, q: Array, index: Array) -> tuple[Array, Array]:
-        """Return contact points and normals of some rows at q that are features without radii, shapes (k, 3)."""
+        """Return contact points and normals of some rows at q, shapes (k, 3); NaN where a row is no contact."""
         point, normal = np.empty((2, len(index), 3))
         points_at(self.mechanism, self.parts, self.room, index, plain_array(q), point, normal)
         return point, normal
