@@ -2,13 +2,20 @@
 
 import numpy as np
 
-from mbvi.constraints.features.feature_kernels import EDGES, POINTS, VERTEX_FACE
+from mbvi.constraints.features.feature_kernels import EDGES, POINTS, VERTEX_FACE, Surfaces
 from mbvi.constraints.mechanism.held_rows import LIMIT, RowParts, row_room
 from mbvi.schemes.event_driven.finding.closing_roots import ClosingRows
 from mbvi.schemes.event_driven.finding.interpolants import COARSE, FINE
 from mbvi.schemes.event_driven.rows.known_pairs import NO_PAIR, UNKNOWN_ROW
 from mbvi.schemes.event_driven.runge_kutta import DEGREE
 from mbvi.schemes.event_driven.stages import smooth_motion
+
+
+def random_surfaces(rng, count):
+    """Surfaces of some rows: faces, and directions that bound normals."""
+    ranges = np.sort(rng.integers(0, 9, size=(count, 3, 2)), axis=2)
+    bounds = np.column_stack([ranges[:, 2], rng.integers(0, 2, size=count)])
+    return Surfaces(rng.normal(size=(8, 4)), ranges[:, :2].copy(), rng.normal(size=(8, 3)), bounds)
 
 
 def closing_arguments(near):
@@ -83,9 +90,8 @@ def closing_arguments(near):
         features[:, :, 1] /= np.linalg.norm(features[:, :, 1], axis=2, keepdims=True)
         kind, sides = np.array([VERTEX_FACE, EDGES, POINTS]), np.array([[2, 3], [2, 3], [4, 5]])
         parts = RowParts(kind, sides, features, *rng.random((2, 3)))
-        surfaces = rng.normal(size=(8, 4)), np.sort(rng.integers(0, 9, size=(3, 2, 2)), axis=2)
         which = motion, parts, shapes, pairs, np.arange(2), np.arange(3), np.array([0, 0, 1])
-        return *which, *surfaces, dense, h, rng.random(), q, v, np.full(2, np.nan)
+        return *which, random_surfaces(rng, 3), dense, h, rng.random(), q, v, np.full(2, np.nan)
 
     def nearest_contact(rng, seed):
         shapes, pairs = near(seed)[1:]

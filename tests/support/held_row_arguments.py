@@ -16,6 +16,7 @@ from mbvi.constraints.mechanism.held_rows import LIMIT, RowParts, held_rows_of, 
 from mbvi.schemes.event_driven.finding.interpolants import PARTS
 from mbvi.schemes.event_driven.runge_kutta import DEGREE
 from mbvi.schemes.event_driven.stages import accelerate, smooth_motion
+from support.closing_arguments import random_surfaces
 from support.joint_tree_arguments import moved_model, tree_of
 from support.robot_arguments import moving_robot, unit
 
@@ -158,8 +159,8 @@ def _may_close(rng):
 
 def _outside(rng):
     kind, _, places, _ = _features(rng, 4)
-    faces = np.sort(rng.integers(0, 9, size=(4, 2, 2)), axis=2)
-    return kind, places, rng.normal(size=4), rng.normal(size=(4, 3)), rng.normal(size=(8, 4)), faces, np.full(4, np.nan)
+    found = kind, rng.random(4), places, rng.normal(size=4), *rng.normal(size=(2, 4, 3))
+    return *found, random_surfaces(rng, 4), np.full(4, np.nan)
 
 
 def _point(rng):

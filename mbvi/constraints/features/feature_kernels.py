@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
-from ...compiled import kernel
+from ...compiled import kernel, record
 from ...system.mechanisms.frames import cross_product, turned
 
 Array = np.ndarray
@@ -98,20 +100,41 @@ def touch(
     return normal[0] * x + normal[1] * y + normal[2] * z - radius
 
 
-@kernel("void(i8[::1], f8[:,:,:,::1], f8[::1], f8[:,::1], f8[:,::1], i8[:,:,::1], f8[::1])")
-def write_outside(
-    kind: Array, places: Array, gap: Array, point: Array, planes: Array, faces: Array, outside: Array
-) -> None:  # fmt: skip
-    """Write how far the contact points of some rows are outside the faces that they are on, beyond their gaps.
+@record("f8[:,::1], i8[:,:,::1], f8[:,::1], i8[:,::1]")
+class Surfaces(NamedTuple):
+    """The surfaces that the features of k rows are on.
 
-    Parameters
+    Attributes
     ----------
-    kind, places, gap, point
-        As of `touch_each`.
     planes : ndarray, shape (n, 4)
         Outward normals and offsets of faces, in frames of bodies.
     faces : ndarray of int, shape (k, 2, 2)
         Of each row where the faces of either shape begin and end.
+    directions : ndarray, shape (m, 3)
+        What `bounding_directions` returns.
+    bounds : ndarray of int, shape (k, 3)
+        Of each row where its directions begin and end, and which shape they belong to.
+    """
+
+    planes: Array
+    faces: Array
+    directions: Array
+    bounds: Array
+
+
+@kernel("void(i8[::1], f8[::1], f8[:,:,:,::1], f8[::1], f8[:,::1], f8[:,::1], Surfaces, f8[::1])")
+def write_outside(
+    kind: Array, radius: Array, places: Array, gap: Array, point: Array, normal: Array, surfaces: Surfaces,
+    outside: Array,
+) -> None:  # fmt: skip
+    """Write how far the contact points of some rows are outside the features that they are on, beyond their gaps.
+
+    Parameters
+    ----------
+    kind, radius, places, gap, point, normal
+        As of `touch_each`.
+    surfaces : Surfaces
+        Those of these rows.
     outside : ndarray, shape (k,)
         Receives the lengths [m].
     """
@@ -128,9 +151,15 @@ def write_outside(
             u = P[0, 0] * x + P[0, 1] * y + P[0, 2] * z
             v = P[1, 0] * x + P[1, 1] * y + P[1, 2] * z
             w = P[2, 0] * x + P[2, 1] * y + P[2, 2] * z
-            for f in range(faces[i, side, 0], faces[i, side, 1]):
-                n = planes[f]
+            for f in range(surfaces.faces[i, side, 0], surfaces.faces[i, side, 1]):
+                n = surfaces.planes[f]
                 outside[i] = max(outside[i], n[0] * u + n[1] * v + n[2] * w - n[3])
+        begin, end, side = surfaces.bounds[i]
+        for b in range(begin, end):
+            # from the polyhedron to the centre of the round shape
+            d, along = surfaces.directions[b], radius[i] if side == 0 else -radius[i]
+            x, y, z = turned(places[i, side], d[0], d[1], d[2])
+            outside[i] = max(outside[i], along * (normal[i, 0] * x + normal[i, 1] * y + normal[i, 2] * z))
         outside[i] -= abs(gap[i])
 
 

@@ -1,4 +1,4 @@
-"""Rows of touching polyhedra, capsules and cylinders that keep their features, such as a vertex on a face.
+"""Rows of touching polyhedra and round shapes that keep their features, such as a vertex on a face.
 
 The distance of two polyhedra has a gradient that jumps where the nearest features change. As long as they do not, it is
 the distance of a vertex from the plane of a face, or of two lines: a smooth function of q.
@@ -13,8 +13,18 @@ from ...geometry.shapes.shapes import PlacedShape
 from ...system import System
 from ..mechanism.held_rows import RowParts
 from ..rows import Array
-from .feature_kernels import EDGES, FACE_VERTEX, VERTEX_FACE, write_outside
+from .feature_kernels import (
+    EDGES,
+    FACE_VERTEX,
+    LINE_VERTEX,
+    POINTS,
+    VERTEX_FACE,
+    VERTEX_LINE,
+    Surfaces,
+    write_outside,
+)
 from .feature_motion import NOWHERE, Touching, places_of, row_biases, touching
+from .normal_cones import bounding_directions
 from .round_features import (
     CROSS,
     LEVEL,
@@ -53,7 +63,7 @@ def _faces(placed: PlacedShape) -> Array:
 
 
 class FeatureRows:
-    """Rows of pairs of polyhedra, of one with a capsule or cylinder, and of two capsules; more are added as they touch.
+    """Rows of pairs of polyhedra, of one with a round shape, and of two capsules; more are added as they touch.
 
     Each has the features that touched when it was found.
 
@@ -74,6 +84,8 @@ class FeatureRows:
         # faces of shapes in frames of bodies; where those of both shapes of each row begin and end, and of each shape
         self._planes, self._faces = np.zeros((0, 4)), np.zeros((0, 2, 2), np.int64)
         self._known: dict[int, tuple[int, int]] = {}
+        # what bounds the normals of round shapes on vertices and edges; see `Surfaces`
+        self._directions, self._bounds = np.zeros((0, 3)), np.zeros((0, 3), np.int64)
         self._last_key, self._last = b"", NOWHERE
 
     def add(
@@ -118,6 +130,14 @@ class FeatureRows:
         self._parts = np.concatenate([self._parts, parts[None]])
         self._radius, self._shift = np.append(self._radius, radius), np.append(self._shift, shift)
         self._faces = np.concatenate([self._faces, np.array([ranges])])
+        side = int(is_round(shapes[0]))
+        directions = np.zeros((0, 3))
+        if kind == POINTS or kind == (LINE_VERTEX if side == 0 else VERTEX_LINE):
+            if not is_round(shapes[side]):
+                # a ball, or the end of a capsule, on a vertex or an edge
+                directions, _ = bounding_directions(parts[side], faces[side], bound)
+        begin, self._directions = len(self._directions), np.vstack([self._directions, directions])
+        self._bounds = np.vstack([self._bounds, [begin, len(self._directions), side]])
         return len(self._kind) - 1
 
     def shared(self, table: ShapeTable, sides: Array, q: Array, normal: Array) -> Array:
@@ -147,12 +167,13 @@ class FeatureRows:
     def outside(self, q: Array, rows: Array) -> Array:
         """Return how far the contact points of some rows are outside the shapes, beyond their gaps, shape (k,) [m]."""
         at, found = self._at(q, rows), np.empty(len(rows))
-        write_outside(at.kind, at.places, at.gap, self._on_surfaces(at, rows), *self.surfaces(rows), found)
+        point, surfaces = self._on_surfaces(at, rows), self.surfaces(rows)
+        write_outside(at.kind, self._radius[rows], at.places, at.gap, point, at.normal, surfaces, found)
         return found
 
-    def surfaces(self, rows: Array) -> tuple[Array, Array]:
-        """Return all faces, and where those of either shape of some rows begin and end; see `write_outside`."""
-        return self._planes, self._faces[rows]
+    def surfaces(self, rows: Array) -> Surfaces:
+        """Return what the features of some rows are on."""
+        return Surfaces(self._planes, self._faces[rows], self._directions, self._bounds[rows])
 
     def _on_surfaces(self, at: Touching, rows: Array) -> Array:
         """Return the contact points of some rows on the surfaces, shape (k, 3)."""

@@ -9,6 +9,7 @@ import numpy as np
 from ...geometry.shapes.shapes import Capsule, Cylinder, PlacedShape, Sphere
 from ..rows import Array
 from .feature_kernels import EDGES, FACE_RIM, FACE_VERTEX, LINE_VERTEX, POINTS, RIM_FACE, VERTEX_FACE, VERTEX_LINE
+from .normal_cones import nearest_feature
 
 # lengths are relative to the bounding radius of the smaller shape
 # points this little below the outermost one belong to its face or edge; corners of a region that two faces share are so
@@ -50,7 +51,7 @@ def is_round(placed: PlacedShape) -> bool:
 
 
 def ends_of(placed: PlacedShape) -> Array:
-    """Return the planes at both ends of the axis of a round shape, shape (2, 4), of a ball (0, 4); see `write_outside`."""
+    """Return the planes at both ends of the axis of a round shape, shape (2, 4); a ball has none. See `Surfaces`."""
     if isinstance(placed.shape, Sphere):
         return np.zeros((0, 4))
     assert isinstance(placed.shape, Capsule | Cylinder)
@@ -76,6 +77,7 @@ class _Polyhedron:
         self, placed: PlacedShape, planes: Array, place: Array, bound: float, point: Array, towards: Array
     ) -> None:
         own = placed.shape.support_points()[0] @ placed.rotation.T + placed.position
+        self.planes, self.place, self.bound = planes, place, bound
         world = own @ place[:3] + place[3]
         height = world @ towards
         level = np.flatnonzero(height <= height.min() + LEVEL * bound)
@@ -134,7 +136,7 @@ def features_of_round(
     shape = placed.shape
     other = _Polyhedron(shapes[1 - k], planes[1 - k], places[1 - k], bound, point, towards)
     if isinstance(shape, Sphere):
-        return _at_end(shape.radius, placed.position, other, k)
+        return _at_end(shape.radius, placed.position, place, other, k)
     assert isinstance(shape, Capsule | Cylinder)
     axis, centre, half = placed.rotation[:, 2], placed.position, 0.5 * shape.length
     straight = float(axis @ (place[:3] @ towards))
@@ -156,7 +158,7 @@ def features_of_round(
             return _on_rim(shape.radius, axis, end, other, k)
         if isinstance(shape, Cylinder) or not at_end:
             return _on_side(shape.radius, axis, centre, point, normal, places, other, k)
-    return _at_end(shape.radius, end, other, k)
+    return _at_end(shape.radius, end, place, other, k)
 
 
 def features_of_capsules(
@@ -200,23 +202,30 @@ def _ordered(k: int, kinds: tuple[int, int], of_round: Array, of_other: Array, r
 
 
 def _face(other: _Polyhedron, k: int) -> Array:
-    """Return a point of a face and the normal from the first shape to the second."""
+    """Return a point of its face and the normal from the first shape to the second."""
     assert other.face is not None
-    outward = other.face[:3]
-    return np.array([outward * other.face[3], -outward if k == 0 else outward])
+    return _sides_of(other.face, k)
 
 
-def _at_end(radius: float, end: Array, other: _Polyhedron, k: int) -> Features | None:
-    """Return the features where the end of a capsule, or a ball, touches."""
-    own, shift = np.array([end, np.zeros(3)]), radius if k == 0 else -radius
-    if other.vertex is not None:
-        both = own, np.array([other.vertex, np.zeros(3)])
-        return _ordered(k, (POINTS, POINTS), *both, radius, radius if k == 0 else 0.0)
-    if other.edge is not None:
-        return _ordered(k, (VERTEX_LINE, LINE_VERTEX), own, np.array(other.edge), radius, shift)
-    if other.face is not None:
-        return _ordered(k, (VERTEX_FACE, FACE_VERTEX), own, _face(other, k), radius, shift)
-    return None
+def _sides_of(face: Array, k: int) -> Array:
+    """Return a point of a face, shape (4,), and the normal from the first shape to the second."""
+    return np.array([face[:3] * face[3], -face[:3] if k == 0 else face[:3]])
+
+
+def _at_end(radius: float, end: Array, place: Array, other: _Polyhedron, k: int) -> Features | None:
+    """Return the features where the end of a capsule, or a ball, touches; its body is at `place`."""
+    own, shift, face = np.array([end, np.zeros(3)]), radius if k == 0 else -radius, other.face
+    if other.vertex is not None or other.edge is not None:
+        part = np.array(other.edge if other.vertex is None else [other.vertex, np.zeros(3)])
+        centre = other.place[:3] @ (end @ place[:3] + place[3] - other.place[3])
+        part, face = nearest_feature(part, other.planes, other.bound, centre)
+        if face is None and not part[1].any():
+            return _ordered(k, (POINTS, POINTS), own, part, radius, radius if k == 0 else 0.0)
+        if face is None:
+            return _ordered(k, (VERTEX_LINE, LINE_VERTEX), own, part, radius, shift)
+    if face is None:
+        return None
+    return _ordered(k, (VERTEX_FACE, FACE_VERTEX), own, _sides_of(face, k), radius, shift)
 
 
 def _on_side(

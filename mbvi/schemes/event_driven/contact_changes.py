@@ -54,7 +54,7 @@ def touching_rows(state: MotionState, known: Array, changed: Array) -> Array:
     return few_rows(state.rows, state.t, state.q, state.all_touching, closing)
 
 
-def change_contacts(state: MotionState, touching: Array) -> Iterator[ImpactEvent]:
+def change_contacts(state: MotionState, touching: Array, kept: Array = NO_ROWS) -> Iterator[ImpactEvent]:
     """Apply the law (8) if a touching row closes, then find the contacts that stay closed.
 
     Parameters
@@ -63,6 +63,8 @@ def change_contacts(state: MotionState, touching: Array) -> Iterator[ImpactEvent
         Receives the velocity and the closed rows.
     touching : ndarray of int, shape (k,)
         Rows that touch.
+    kept : ndarray of int
+        The pairs that were closed up to the event.
 
     Yields
     ------
@@ -79,7 +81,12 @@ def change_contacts(state: MotionState, touching: Array) -> Iterator[ImpactEvent
     J, metric = state.rows.gradients(state.t, state.q, touching), state.system.metric(state.q)
     e, before = state.rows.restitution[touching], J @ state.v
     still = certain_rates(J, state.v, state.slow(touching))
-    if (before < -still).any():
+    strikes = before < -still
+    if strikes.any() and kept.size:
+        # where the nearest point of a pair moves without jumps, a change of its features is no impact
+        pairs = state.rows.pair[touching]
+        strikes &= (pairs == touching) | ~state.rows.smooth[pairs] | ~members(pairs, kept)
+    if strikes.any():
         if state.modes is not None:
             rows = state.rows.rows(state.t, state.q, touching)
             yield state.observed.impact(changes.strike(state, rows, metric))

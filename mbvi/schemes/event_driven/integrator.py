@@ -130,13 +130,14 @@ class EventDrivenIntegrator(MotionState):
             self._observe(step)
             yield step
             if event or at_once > _MOST_AT_ONCE:
+                kept = self.rows.pair[self.closed]
                 drop_features(self, first)
                 touching = touching_rows(self, union(first, self.closed), first)
                 # a pair that closes is replaced by the rows of its features, where these are clear
                 clear = self.rows.smooth[first] | (self.rows.featured[first] & ~members(first, touching))
                 advances = at_once <= _MOST_AT_ONCE and self._events_advance()
                 if advances and (clear.all() or (yield from bounce(self))):
-                    yield from change_contacts(self, touching)
+                    yield from change_contacts(self, touching, kept)
                     if self.modes is not None and self.modes.begins:
                         # in a short step a slip that begins gently would stay below its rounding
                         h = usual

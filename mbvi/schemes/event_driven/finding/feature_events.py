@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ....compiled import kernel
-from ....constraints.features.feature_kernels import touch, write_outside
+from ....compiled import held, kernel
+from ....constraints.features.feature_kernels import Surfaces, touch, write_outside
 from ....constraints.mechanism.held_rows import RowParts
 from ....constraints.mechanism.pairs import PairShapes, place_bodies
 from ....geometry.shapes.shape_table import Shapes  # noqa: F401  (a signature names it)
@@ -26,13 +26,12 @@ _MOST, _SHORT = 60, 1e-13
 
 
 @kernel(
-    "void(SmoothMotion, RowParts, Tuple(Shapes), PairShapes, i8[::1], i8[::1], i8[::1], f8[:,::1], i8[:,:,::1],"
+    "void(SmoothMotion, RowParts, Tuple(Shapes), PairShapes, i8[::1], i8[::1], i8[::1], Surfaces,"
     " f8[:,:,::1], f8, f8, Array(f8, 1, 'C', True), Array(f8, 1, 'C', True), f8[::1])"
 )
 def write_differences(
     s: SmoothMotion, parts: RowParts, tables: tuple[Array, ...], shapes: PairShapes, pairs: Array, features: Array,
-    which: Array, planes: Array, faces: Array, dense: Array, h: float, share: float, q: Array, v: Array,
-    differs: Array,
+    which: Array, surfaces: Surfaces, dense: Array, h: float, share: float, q: Array, v: Array, differs: Array,
 ) -> None:  # fmt: skip
     """Write by how much the features of some pairs are not the nearest ones of both shapes, shape (k,) [m].
 
@@ -46,8 +45,8 @@ def write_differences(
         The pairs.
     features, which : ndarray of int, shape (m,)
         Rows of features, and which of the pairs each belongs to.
-    planes, faces
-        See `SmoothRows.surfaces`.
+    surfaces : Surfaces
+        Those of the features.
     dense, h, share, q, v
         See `state_at`.
     """
@@ -55,19 +54,20 @@ def write_differences(
     state_at(s, dense, h, share, q, v)
     place(m, s.q)
     place_bodies(m, shapes)
-    kind, places, along, normal = np.empty(k, np.int64), np.empty((k, 2, 4, 3)), np.empty((2, 3)), np.empty(3)
-    gap, point, outside, distance = np.empty(k), np.empty((k, 3)), np.empty(k), np.empty(len(pairs))
+    kind, places, along, normal = np.empty(k, np.int64), np.empty((k, 2, 4, 3)), np.empty((2, 3)), np.empty((k, 3))
+    radius, gap, point, outside = np.empty(k), np.empty(k), np.empty((k, 3)), np.empty(k)
+    distance = np.empty(len(pairs))
     for i in range(k):
         r = features[i]
-        kind[i] = parts.kind[r]
+        kind[i], radius[i] = parts.kind[r], parts.radius[r]
         for side in range(2):
             for c in range(4):
                 for d in range(3):
                     places[i, side, c, d] = m.poses[parts.sides[r, side], c, d]
-        gap[i] = touch(kind[i], parts.parts[r], parts.radius[r], places[i, 0], places[i, 1], along, point[i], normal)
+        gap[i] = touch(kind[i], parts.parts[r], radius[i], places[i, 0], places[i, 1], along, point[i], normal[i])
         for c in range(3):
-            point[i, c] += parts.shift[r] * normal[c]
-    write_outside(kind, places, gap, point, planes, faces, outside)
+            point[i, c] += parts.shift[r] * normal[i, c]
+    write_outside(kind, radius, places, gap, point, normal, surfaces, outside)
     write_placed_distances(tables, shapes, pairs, np.inf, distance)
     for i in range(len(pairs)):
         least, most = np.inf, -np.inf
@@ -121,7 +121,7 @@ def _by_kernel(
     if kernels is None or rows.searched is None or (rows.searched_pair[pairs] < 0).any():
         return None
     shapes = rows.searched.tables, rows.searched.shapes, rows.searched_pair[pairs]
-    fixed = kernels.motion, kernels.rows.parts, *shapes, features, which, *rows.surfaces(features)
+    fixed = kernels.motion, kernels.rows.parts, *shapes, features, which, held(rows.surfaces(features))
     way, differs = (step.dense, step.h), np.empty(len(pairs))
 
     def differences(x: float) -> Array:

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from ....constraints import AdmissibleSet, ConstraintFamily
-from ....constraints.features.feature_kernels import FACE_VERTEX
+from ....constraints.features.feature_kernels import FACE_VERTEX, Surfaces
 from ....constraints.features.feature_motion import slip_biases
 from ....constraints.features.pair_features import FeatureRows
 from ....constraints.mechanism.held_rows import LIMIT, UNKNOWN, RowParts, unknown_parts
@@ -157,8 +157,8 @@ class SmoothRows:
         """Return how far the contact points of some rows of features are outside the shapes, shape (k,) [m]."""
         return self._features.outside(q, index - len(self.all))
 
-    def surfaces(self, index: Array) -> tuple[Array, Array]:
-        """Return the faces that some rows of features are on; see `write_outside`."""
+    def surfaces(self, index: Array) -> Surfaces:
+        """Return what some rows of features are on."""
         return self._features.surfaces(index - len(self.all))
 
     def _extend(self, pair: int, new: Array) -> None:
@@ -169,10 +169,8 @@ class SmoothRows:
             column = getattr(self, name)
             setattr(self, name, np.append(column, np.full(count, column[pair])))
         self.pair = np.append(self.pair, np.full(count, pair))
-        self.smooth, self.featured = (
-            np.append(self.smooth, np.ones(count, bool)),
-            np.append(self.featured, np.zeros(count, bool)),
-        )
+        self.smooth = np.append(self.smooth, np.ones(count, bool))
+        self.featured = np.append(self.featured, np.zeros(count, bool))
         if self.kernels is not None:
             self.kernels.add(self.parts(np.arange(len(self.pair) - count, len(self.pair))))
 
@@ -217,8 +215,8 @@ class SmoothRows:
         """Return grad f of some rows in ascending order, shape (k, nv)."""
         if (kernels := self._kernels_of(index)) is not None:
             return kernels.gradients(q, index)
-        nothing = np.zeros((0, self._system.nv))
-        return self._each(index, lambda family, rows: family.row_gradient(t, q, rows), nothing)
+        none = np.zeros((0, self._system.nv))
+        return self._each(index, lambda family, rows: family.row_gradient(t, q, rows), none)
 
     def bias(self, t: float, q: Array, v: Array, index: Array) -> Array:
         """Return (dJ/dt) v of some rows in ascending order, shape (k,): the change of their rates at constant v."""
