@@ -26,8 +26,8 @@ class Impact:
     """One instant at which the velocity jumped, with the constraints that took part.
 
     With fixed steps a contact that was closed before is left out where its percussion in the step before was at least
-    half as large, as in a strong impact in that step. Contacts that are recorded with `record="contacts"` have these
-    percussions, too.
+    half as large, as in a strong impact in that step. Contacts of fixed steps that are recorded with
+    `record="contacts"` have these percussions, too; those of `EventDriven` and `Adaptive` do not.
 
     Attributes
     ----------

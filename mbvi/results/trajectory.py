@@ -169,8 +169,8 @@ class Trajectory(Outputs):
         -------
         tuple of Contact
             Those with a percussion in that interval: of one step, or with `every` of several, whose percussions are
-            added up; force is the mean over the interval. Under `EventDriven` and `Adaptive` percussions of
-            located impacts are in `impacts` only.
+            added up; force is the mean over the interval. Under `EventDriven` and `Adaptive` percussions of impacts
+            are in `impacts` only, with fixed steps here too.
 
         Raises
         ------

@@ -211,3 +211,27 @@ def test_a_body_that_strikes_a_robot(mu, compiled):
     off, run = unbalanced(problem, names=("box",))
     assert any("box | robot" in name or "robot" in name.split(" | ")[0] for i in run.impacts for name in i.constraints)
     np.testing.assert_array_less(off, 1e-12)
+
+
+def test_contacts_that_stay_in_steps_of_the_fallback_are_no_impacts():
+    """Two bodies that meet in space roll on each other: both surfaces are curved, and the gap falls in each step."""
+    scene = mbvi.Scene(gravity=NOTHING, friction=0.8)
+    rng = np.random.default_rng(4)
+    bodies = []
+    for k, x in enumerate((-0.4, 0.4)):
+        turn = Rotation.from_rotvec(rng.normal(size=3)).as_matrix()
+        velocity = np.array([-2.0 * np.sign(x), *0.1 * rng.normal(size=2)])
+        place = {"position": (x, 0.03 * k, 0.02), "rotation": turn}
+        bodies.append(place | {"velocity": velocity, "angular_velocity": 2.0 * rng.normal(size=3), "name": "ab"[k]})
+    scene.add_ellipsoid((0.2, 0.12, 0.15), 1.0, **bodies[0])
+    scene.add_capsule(0.1, 0.2, 2.0, **bodies[1])
+    run = mbvi.simulate(scene.build(), mbvi.EventDriven(1e-8), duration=0.5, record="contacts")
+    assert any("paper's scheme" in note for note in run.notes)
+    # after the second impact they stay together, but for moments at which the smooth motion is tried
+    begin = np.searchsorted(run.t, run.impacts[1].time, side="right") - 1
+    change = run.v[-1, :3] - run.v[begin, :3]
+    force = np.diff(run.t[begin:]) @ run.contact_forces("a")[begin + 1 :, :3]
+    assert np.linalg.norm(change) > 0.3
+    assert np.linalg.norm(force - change) < 0.03 * np.linalg.norm(change)
+    struck = sum(-i.percussion @ i.normal - i.tangential.sum(axis=0) for i in run.impacts[2:])
+    np.testing.assert_allclose(force + struck, change, atol=1e-9)

@@ -36,8 +36,10 @@ class _AdaptiveRecorder(SwitchedRecorder):
     """States, cubics between them and impacts of a run of `Adaptive`.
 
     A located impact has two states, before and after it. One step in `every` is recorded, and in any case the last one
-    and those that end at located impacts.
+    and those that end at located impacts. Impacts that are not located are within a step.
     """
+
+    impacts_apart = True
 
     def __init__(self, problem: Problem, every: int, notes: Sequence[str], contacts: bool) -> None:
         super().__init__(problem, _ROOM, Adaptive.timing, notes, contacts)

@@ -172,7 +172,11 @@ class Recorder:
         The percussions of the last steps.
     switches : list of Switch
         Connections that were switched.
+    impacts_apart : bool
+        Whether percussions of impacts are in `impacts` only, not in `contacts` too.
     """
+
+    impacts_apart = False
 
     def __init__(
         self, problem: Problem, count: int, timing: Timing, notes: Sequence[str] = (), contacts: bool = False
@@ -220,22 +224,21 @@ class Recorder:
         """Record a step: its impacts always, its state if `keep`."""
         t, q, v, active, rates, residual = step[:6]
         k, gap, impacting = self.count, active.gap, None
-        if self.contacts is not None:
-            # percussions of the law at the initial state belong to no interval between states
-            if k:
-                friction, before = friction_of(step), step if self.last is None else self.last
-                place = partial(place_of_rows, self.problem, self.timing_of_rows, before, step)
-                self.contacts.add(
-                    active.constraint, active.point, active.normal, rates[0], friction, step.correction, place
-                )
-            # before the state, so that an interrupt leaves no state without its contacts
-            if keep:
-                self.contacts.close()
         if gap.size and record_depth(
             k, active.constraint, gap, rates, residual, self._lever, self._limits, self._still, self.penetration,
             self.limit_violation, self.residual,
         ):  # fmt: skip
             impacting = self.impact(step)
+        if self.contacts is not None:
+            # percussions of the law at the initial state belong to no interval between states
+            if k:
+                friction, before = friction_of(step), step if self.last is None else self.last
+                place = partial(place_of_rows, self.problem, self.timing_of_rows, before, step)
+                p = rates[0] if impacting is None or not self.impacts_apart else np.where(impacting, 0.0, rates[0])
+                self.contacts.add(active.constraint, active.point, active.normal, p, friction, step.correction, place)
+            # before the state, so that an interrupt leaves no state without its contacts
+            if keep:
+                self.contacts.close()
         if keep:
             self.t[k] = t
             self.q[k] = q

@@ -69,7 +69,8 @@ def lands(step: Step, resting: Rows) -> bool:
     loaded = step.percussion > 0.0
     if not loaded.any():
         return False
-    return bool((match_contacts(take(step.active, loaded), resting) < 0).any())
+    # among all rows: alone, the corner that lands would be the one that it takes the load of
+    return bool((loaded & (match_contacts(step.active, resting) < 0)).any())
 
 
 def held(step: Step, resting: Rows, still: Array | float) -> tuple[Array, Array]:

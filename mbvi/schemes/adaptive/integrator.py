@@ -35,6 +35,8 @@ _LONGER = 2.0
 _FINEST = 1e-3
 # parts of the time to a landing that are tried one after the other, should it come before it was predicted
 _CUTS = 1.0, 0.97, 0.8, 0.5
+# most impacts at one time: what opens may close again at up to e times its speed, which the law (8) allows
+_MOST_STRIKES = 20
 # v . v at which a run has diverged
 _RUNAWAY = 1e16
 
@@ -163,7 +165,9 @@ class AdaptiveIntegrator:
         rounding = 1e-13 * max(abs(end), duration)
         while end - self.t > rounding:
             near = near_rows(self._problem, self._measure, self.t, self.q, self.v)
-            if near.striking:
+            for _ in range(_MOST_STRIKES):
+                if not near.striking:
+                    break
                 yield self._strike()
                 near = near_rows(self._problem, self._measure, self.t, self.q, self.v)
             before = self.t, self.q, self.v, self._h, self._short, self._hunts, replace(self.counts)
@@ -191,7 +195,10 @@ class AdaptiveIntegrator:
                 applied = law(self._projector, self.v, motion, rows)
         v, rates, residual, slip, rows = applied
         step = Step(self.t, self.q, v, rows, rates, residual, slip)
-        closed, sticks = held(step, rows, measure.rest(rows.constraint, speed))
+        rest = measure.rest(rows.constraint, speed)
+        closed, sticks = held(step, rows, rest)
+        # rows that close now strike next
+        closed &= step.after >= -rest
         found = returned(problem, self.t, self.q, v, take(rows, closed), sticks[closed], 4.0 * measure.gap)
         if found is not None:
             step = step._replace(q=found.q, v=found.v)

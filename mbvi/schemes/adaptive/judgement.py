@@ -183,5 +183,10 @@ def _extrapolated(
 
 def _sinks(problem: Problem, measure: Measure, resting: Rows, new: Step) -> bool:
     """Return whether a gap that no row of the steps knows of is below zero at the end of a step."""
-    rows = problem.constraints.active(new.t, new.q, -measure.gap)
-    return bool(len(rows.gap)) and lands(new._replace(active=rows, rates=np.ones((4, len(rows.gap)))), resting)
+    constraints = problem.constraints
+    if not len(constraints.active(new.t, new.q, -measure.gap).gap):
+        return False
+    # with the rows that rest beside those that sink: see `lands`
+    rows = constraints.active(new.t, new.q, measure.gap)
+    sunk = rows.gap * constraints.levers(rows.constraint) <= -measure.gap
+    return lands(new._replace(active=rows, rates=np.tile(np.where(sunk, 1.0, 0.0), (4, 1))), resting)

@@ -22,6 +22,8 @@ _BOUNCE, _ROUNDED = 1e-14, 10.0
 # impacts accumulate if less than this time lies between them [s], and if no gap opens in between by more than this many
 # times `MotionState.touching`; they are then followed as single impacts
 _MOST_TIME_BETWEEN, _MOST_OPENING = 1e-5, 1e3
+# most impacts of the same rows at one time
+_MOST_REPEATED = 20
 # single impacts after which their limit counts as reached
 _MOST_SINGLE = 10_000
 
@@ -69,7 +71,7 @@ def change_contacts(state: MotionState, touching: Array, kept: Array = NO_ROWS) 
     Yields
     ------
     ImpactEvent
-        The impact, if there is one.
+        The impacts: none, or one, and others that follow at once.
     """
     was_closed, state.closed, state.held = members(touching, state.closed), NO_ROWS, NO_ROWS
     if state.modes is not None:
@@ -81,17 +83,22 @@ def change_contacts(state: MotionState, touching: Array, kept: Array = NO_ROWS) 
     J, metric = state.rows.gradients(state.t, state.q, touching), state.system.metric(state.q)
     e, before = state.rows.restitution[touching], J @ state.v
     still = certain_rates(J, state.v, state.slow(touching))
-    strikes = before < -still
-    if strikes.any() and kept.size:
+    closes = before < -still
+    if closes.any() and kept.size:
         # where the nearest point of a pair moves without jumps, a change of its features is no impact
         pairs = state.rows.pair[touching]
-        strikes &= (pairs == touching) | ~state.rows.smooth[pairs] | ~members(pairs, kept)
-    if strikes.any():
+        closes &= (pairs == touching) | ~state.rows.smooth[pairs] | ~members(pairs, kept)
+    for _ in range(_MOST_REPEATED):
+        if not closes.any():
+            break
         if state.modes is not None:
             rows = state.rows.rows(state.t, state.q, touching)
             yield state.observed.impact(changes.strike(state, rows, metric))
         else:
             yield state.observed.impact(_impact(state, touching, was_closed, J, metric, still))
+        # the law lets rows that opened close at up to e times their speed: they strike next
+        opened, before = before > still, J @ state.v
+        closes = opened & (before < -still)
     rest = _resting(state, touching, J, metric, e, still)
     if not rest.size:
         return

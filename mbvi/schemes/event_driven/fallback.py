@@ -6,13 +6,13 @@ from collections.abc import Generator, Iterator
 
 import numpy as np
 
-from ...constraints.rows import take
+from ...constraints.rows import match_contacts, take
 from ...errors import ProjectionError
 from ...projection.positions.travel import MOST_LINEARISATIONS
 from ...system.system import Array
 from ..contact_friction import friction_of
 from ..paoli import Paoli
-from ..step import closes, still_rates
+from ..step import Step, closes, still_rates
 from .contact_changes import change_contacts, touching_rows
 from .friction.changes import strike
 from .impact_event import ImpactEvent
@@ -24,6 +24,10 @@ from .runge_kutta import DEGREE, RungeKuttaStep
 STEP, _MOST_STEPS = 1e-4, 50
 # the smooth motion continues after an impact if contacts with jumping gradients then stay open for this time [s]
 _OPEN_TIME = 1e-3
+# a contact whose percussion is no more than so many times that in the step before bears load, as in runs of fixed steps
+_AS_BEFORE = 2.0
+# time between two steps of `Paoli` in which the smooth motion was tried, in lengths of a step
+_SOON = 1e-2
 
 
 def bounce(state: MotionState) -> Generator[RungeKuttaStep | ImpactEvent, None, bool]:
@@ -81,27 +85,37 @@ def _move_out(state: MotionState) -> Array:
 
 def _paoli_step(state: MotionState, h: float, end: float) -> Generator[RungeKuttaStep | ImpactEvent, None, Array]:
     """Take one step of `Paoli`; return which constraints were active."""
-    q, v = state.q, state.v
+    q, v, last = state.q, state.v, state.last_fallback
+    if last is not None and state.t - last.t > _SOON * STEP:
+        last = None
     step = Paoli().step(state.problem, state.t, q, v, h, state.projector)
     straight = _straight(state.t, h, q, v, step.q)
     state.t = end if end - step.t < 1e-12 * max(1.0, abs(end)) else step.t
     state.q, state.residual = step.q, step.residual
     state.depth = state.problem.constraints.depths(step.active.constraint, step.active.gap)
     state.observed.step(step, h)
-    # contacts that were active before and stay so are no impact
-    closing = closes(step.rates, still_rates(state.problem, step.active.constraint))
-    percussion = step.percussion
-    state.v = v if closing.any() else step.v
-    state.fallback = step
+    percussion, state.strikes = step.percussion, _strikes(state, step, last)
+    state.v = v if state.strikes else step.v
+    state.fallback = state.last_fallback = step
     yield straight
     state.v = step.v
-    if closing.any():
+    if state.strikes:
         number, _, _, e, point, normal, *_ = take(step.active, percussion > 0.0)
         rates = step.rates[[0, 3, 2]][:, percussion > 0.0]
         friction = friction_of(step)
         more = () if friction is None else (friction.take(percussion > 0.0), e)
         yield state.observed.impact(ImpactEvent(state.t, step.q, v, step.v, number, rates, point, normal, *more))
     return step.active.constraint
+
+
+def _strikes(state: MotionState, step: Step, last: Step | None) -> bool:
+    """Return whether a step holds an impact; `last` is the step of `Paoli` just before it, None if there is none."""
+    closing = closes(step.rates, still_rates(state.problem, step.active.constraint))
+    if closing.any() and last is not None:
+        # a contact that stays on a curved surface closes in each step, under its load
+        owner = match_contacts(step.active, last.active)
+        closing &= step.percussion > _AS_BEFORE * np.append(last.percussion, 0.0)[owner]
+    return bool(closing.any())
 
 
 def _straight(t: float, h: float, q0: Array, v: Array, q: Array) -> RungeKuttaStep:

@@ -73,6 +73,10 @@ class MotionState:
         The constraints that were active in them; of those with jumping gradients, if some were, only these.
     fallback : Step or None
         The step of `Paoli`, if the last step was one.
+    last_fallback : Step or None
+        The last step of `Paoli`.
+    strikes : bool
+        Whether that holds an impact.
     """
 
     def __init__(self, problem: Problem, tolerance: float, projector: Projector) -> None:
@@ -95,6 +99,8 @@ class MotionState:
         self.event_rows, self.impact_time = NO_ROWS, -np.inf
         self.depth, self.residual, self.fallbacks, self.undetermined = np.zeros(2), 0.0, 0, 0
         self.fallback: Step | None = None
+        self.last_fallback: Step | None = None
+        self.strikes = False
         self.at_fallbacks: set[int] = set()
 
     def feature_pairs(self) -> Array:

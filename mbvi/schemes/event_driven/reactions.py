@@ -9,7 +9,6 @@ import numpy as np
 
 from ...projection import Projector
 from ..contact_friction import friction_of
-from ..step import closes, still_rates
 from .finding.release_events import complementarity
 from .friction.forces import contact_forces
 from .motion_state import MotionState
@@ -38,7 +37,7 @@ def reactions(state: MotionState, step: RungeKuttaStep) -> Iterator[tuple[Any, .
     if fallback is not None:
         # where the step has an impact, that holds all percussions of the step
         active = fallback.active
-        if not closes(fallback.rates, still_rates(state.problem, active.constraint)).any():
+        if not state.strikes:
             yield active.constraint, active.point, active.normal, fallback.percussion, friction_of(fallback)
     elif closed.size and state.modes is not None:
         for node, weight in zip(0.5 * (1.0 + _NODES), 0.5 * _WEIGHTS * step.h, strict=True):

@@ -70,7 +70,7 @@ def start_of_tangent_law(
 
     What the percussions of the tangent velocity differ by from those of the law is then an impulse at these rows.
     `order`, shape (k,), says which row of the law each was; `slip` and `turn` are those of the law along the axes of
-    these rows; `start` has shape (nv,).
+    these rows; `start` has shape (nv,). `s.v` is the velocity after the law, and `room.after` that at the end.
     """
     n = len(start)
     impulse, whitened, change = np.zeros((1, n)), np.empty((1, n)), np.zeros((1, n))
@@ -85,7 +85,9 @@ def start_of_tangent_law(
                     impulse[0, j] += turn[3 * i + c] * there.R[3 * i + c, j]
         solve(s.room.L, s.mechanism.parent, impulse, whitened, change)
     for j in range(n):
-        start[j] = s.room.after[j] - change[0, j] if s.bodies.owner[j] >= 0 else s.room.free[j]
+        # bodies that loops hold turn freely until the end of the step, too
+        coasts = s.room.after[j] - s.v[j]
+        start[j] = s.room.after[j] - change[0, j] if s.bodies.owner[j] >= 0 else s.room.free[j] + coasts
 
 
 def with_momentum(problem: Problem, step: Step, place: Array, before: Array, w: Array) -> Step:

@@ -246,8 +246,10 @@ def _with_tangent_velocity(
     if may_open is not None:
         lower = np.where(stays & (may_open > 0.0), np.minimum(lower, -may_open), lower)
     before, order = step, np.concatenate([owner, rest_of_law])
-    start = without_percussions(problem, applied.motion, step, rows, order)
-    start = None if start is None else tangent(metric, start)
+    # bodies that loops hold turn freely until the end of the step, too
+    coasting = FreeMotion(free + (step.v - law.v), metric)
+    start = without_percussions(problem, coasting, step, rows, order)
+    start = tangent(metric, coasting.free if start is None else start)
     step = _with_bounds(applied, step, rows, lower, projector, start)
     step = step._replace(q=projected.q, residual=max(step.residual, projected.residual), at_end=True)
     step = with_momentum(problem, step, place, before.q, before.v)
