@@ -60,7 +60,7 @@ BENT = 1e-3 * np.array([11, 13, 81, 99, 27, 86, 85, 68, 57, 23, 78, 19, 9, 94, 5
 def test_an_edge_that_goes_down_from_a_vertex_over_the_hole_has_the_row_of_the_rim(
     rim, share, axis, corner, turn, far, deep
 ):
-    """An edge passes below a rim, by a known depth and not far from the upper end of the edge, which is over the hole."""
+    """The edge passes below the rim, by a known depth and not far from its upper end, which is over the hole."""
     vertices, triangles = sheet_with_hole(1 / 7)
     vertices[:, 2] = BENT
     scene = mbvi.Scene(gravity=(0, 0, 0))
