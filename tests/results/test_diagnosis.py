@@ -109,6 +109,18 @@ def test_thinned_runs_say_the_same(tmp_path):
     assert str(thinned) == str(second)
 
 
+def test_the_variation_of_thinned_steps_of_their_own_is_a_lower_bound():
+    scene = mbvi.Scene(restitution=0.5)
+    scene.add_halfspace((0, 0, 1))
+    scene.add_box((0.2, 0.3, 0.4), position=(0, 0, 1), angular_velocity=(1, 2, 0.5))
+    problem = scene.build()
+    full, some, few = (
+        mbvi.simulate(problem, mbvi.EventDriven(1e-8), duration=0.6, every=n).diagnosis().variation for n in (1, 2, 100)
+    )
+    # the jumps of impacts are in all of them
+    assert 0.9 * full < few < some < full
+
+
 def test_a_file_without_its_control_says_what_it_cannot_tell(tmp_path):
     scene = mbvi.Scene(gravity=(0, 0, 0), restitution=1.0)
     for k, x in enumerate([-0.5, 0.2, 0.4]):

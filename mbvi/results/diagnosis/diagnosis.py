@@ -92,7 +92,8 @@ class Diagnosis:
         Largest cosine that counts as that of a right angle, and largest spread of outcomes, relative to the jump, that
         counts as zero.
     variation : float
-        Total variation of the velocity, sum of |v_i - v_{i-1}| (Lemma 3.4) [m/s, rad/s].
+        Total variation of the velocity, sum of |v_i - v_{i-1}| (Lemma 3.4) [m/s, rad/s]. Of a scheme that chooses its
+        steps, or where states are `unseen`, the sum is over the recorded states: with `every` a lower bound.
     largest_percussion : float
         Largest percussion of an impact (Lemma 3.3) [N s, N m s].
     energy_excess : float
