@@ -23,13 +23,20 @@ def joint_table(problem: Problem) -> str:
         if model.nqs[joint] == 1:
             unit = "m" if kind == "prismatic" else "rad"
             lower, upper = (float(x[model.idx_qs[joint]]) for x in (model.lowerPositionLimit, model.upperPositionLimit))
-            # Pinocchio writes "no limit" as the largest float
-            if max(abs(lower), abs(upper)) < 1e100:
-                limits = f"{lower:.4g} to {upper:.4g} {unit}"
+            limits = _limits(lower, upper, unit)
         row = model.names[joint], kind, str(model.nvs[joint]), limits
         rows.append((*row, follows.get(f"{problem.system.name}/{row[0]}", "")) if follows else row)
     head = ("name", "type", "dof", "limits", *(["follows"] if follows else []))
     return _table("Joints", head, rows)
+
+
+def _limits(lower: float, upper: float, unit: str) -> str:
+    """Return the limits of a joint in words."""
+    # Pinocchio writes "no limit" as the largest float
+    least, most = (f"{x:.4g} {unit}" if abs(x) < 1e100 else "" for x in (lower, upper))
+    if least and most:
+        return f"{lower:.4g} to {most}"
+    return f"at least {least}" if least else (f"at most {most}" if most else "none")
 
 
 def _follows(one: CouplingItem) -> str:

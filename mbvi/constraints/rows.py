@@ -18,6 +18,8 @@ Array = np.ndarray
 
 # square of the angle between normals of one surface, and of the cosine between gradients of one pair of bodies
 _SAME_NORMAL, _SAME_BODIES = 1e-12, 0.8
+# difference of two distances that are equal up to rounding, as a share of the coordinates of their ends
+_EQUAL = 1e-9
 # point and normal of a row that is no contact, such as a joint limit
 NO_POINT = np.full(3, np.nan)
 
@@ -108,41 +110,41 @@ def mutual_nearest(number: Array, point: Array, others: Array, places: Array, or
         The order in which `others` ascends.
     owner : ndarray of int, shape (k,)
         Receives the index of each contact among the others, -1 where it is not among them. Of several that are equally
-        near it is the last in that order.
+        near, up to rounding, each contact in turn takes the first in that order that is left.
     """
     k, m = len(number), len(others)
-    nearest, back = np.empty(m), np.empty(m, np.int64)
-    for j in range(m):
-        nearest[j], back[j] = np.inf, -1
-    for i in range(k):
-        first, end = 0, m
-        while first < end:
-            half = (first + end) // 2
-            if others[order[half]] < number[i]:
-                first = half + 1
-            else:
-                end = half
-        owner[i], least = -1, np.inf
-        while first < m and others[order[first]] == number[i]:
-            j, apart = order[first], 0.0
-            for axis in range(3):
-                apart += (point[i, axis] - places[j, axis]) ** 2
-            if np.isnan(apart):
-                apart = 0.0
-            if apart <= least:
-                owner[i], least = j, apart
-            if apart <= nearest[j]:
-                back[j], nearest[j] = i, apart
-            first += 1
-    for i in range(k):
-        if owner[i] >= 0 and back[owner[i]] != i:
+    least, nearest, left = np.full(k, np.inf), np.full(m, np.inf), np.ones(m, np.bool_)
+    # the least distances of all are known before one is chosen: which of two equal ones is less is rounding
+    for choose in range(2):
+        for i in range(k):
+            first, end = 0, m
+            while first < end:
+                half = (first + end) // 2
+                if others[order[half]] < number[i]:
+                    first = half + 1
+                else:
+                    end = half
             owner[i] = -1
+            while first < m and others[order[first]] == number[i] and owner[i] < 0:
+                j, square, size = order[first], 0.0, 0.0
+                for axis in range(3):
+                    square += (point[i, axis] - places[j, axis]) ** 2
+                    size = max(size, abs(point[i, axis]) + abs(places[j, axis]))
+                apart, rounding = np.sqrt(square), _EQUAL * size
+                if np.isnan(apart):
+                    apart = rounding = 0.0
+                if choose == 0:
+                    least[i], nearest[j] = min(least[i], apart), min(nearest[j], apart)
+                elif left[j] and apart - min(least[i], nearest[j]) <= rounding:
+                    owner[i], left[j] = j, False
+                first += 1
 
 
 def match_contacts(rows: Rows, others: Rows) -> Array:
     """Return for each row the index of the same contact among the others, shape (k,); -1 where there is none.
 
-    Two rows are the same contact if they are of one constraint and each is the nearest to the other.
+    Two rows are the same contact if they are of one constraint and each is the nearest to the other; see
+    `mutual_nearest`.
     """
     owner = np.empty(len(rows.gap), np.int64)
     order = others.constraint.argsort(kind="stable")

@@ -329,7 +329,7 @@ def assemble(
         acted = ConnectedSystem(acted, between) if hinges is None else HingedSystem(acted, between, hinges)
     if start is None and at is None:
         start = closed_start(acted, q0)
-        check_reversed(items, system, blocks.frames, blocks.shapes, q0 if start is None else start.q)
+        check_reversed(items, system, blocks.frames, blocks.shapes, q0, q0 if start is None else start.q)
     if resolve:
         start = resolved(acted, constraints, q0 if start is None else start.q, blocks.length) or start
     q0 = at if at is not None else q0 if start is None else start.q

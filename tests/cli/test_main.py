@@ -164,6 +164,15 @@ def test_inspect_takes_an_srdf_and_a_robot_that_would_stand_in_the_floor(command
     assert ["turn", "continuous", "1", "none"] in [line.split() for line in out.splitlines()]
 
 
+def test_inspect_shows_the_limit_of_a_joint_that_has_one(command, tmp_path):
+    file, none = tmp_path / "pendulum.urdf", "1.79e308"
+    for lower, upper, words in (("-0.5", none, "at least -0.5 m"), (f"-{none}", "0.5", "at most 0.5 m")):
+        given = PENDULUM.replace('lower="-0.5" upper="0.5"', f'lower="{lower}" upper="{upper}"')
+        file.write_text(given)
+        _, out, _ = command("inspect", file, "--base", "fixed")
+        assert ["slide", "prismatic", "1", *words.split()] in [line.split() for line in out.splitlines()]
+
+
 PENDULUM = """<robot name="pendulum"><link name="base"/>
 <link name="arm"><inertial><mass value="1"/>
 <inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>

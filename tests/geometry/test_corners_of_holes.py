@@ -45,6 +45,41 @@ def test_an_edge_beyond_the_corner_of_a_hole_has_rows(deep):
         np.testing.assert_allclose(gap, normal[:2] @ depths, rtol=1e-6)
 
 
+# heights of the corners of a bent sheet [mm]
+BENT = 1e-3 * np.array([11, 13, 81, 99, 27, 86, 85, 68, 57, 23, 78, 19, 9, 94, 5, 59])
+
+
+@pytest.mark.parametrize(
+    ("rim", "share", "axis", "corner", "turn"),
+    [
+        ((5, 6), 0.659, 0, (1, 1, -1), (-0.583, 0.191, -1.202)),
+        ((6, 10), 0.851, 1, (-1, 1, -1), (-0.565, -1.507, -0.686)),
+    ],
+)
+@pytest.mark.parametrize(("far", "deep"), [(5e-5, 1e-5), (5e-5, 5e-5), (1e-5, 1e-4), (1e-3, 1e-5), (1e-3, 2e-3)])
+def test_an_edge_that_goes_down_from_a_vertex_over_the_hole_has_the_row_of_the_rim(
+    rim, share, axis, corner, turn, far, deep
+):
+    """The edge passes below the rim, by a known depth and not far from its upper end, which is over the hole."""
+    vertices, triangles = sheet_with_hole(1 / 7)
+    vertices[:, 2] = BENT
+    scene = mbvi.Scene(gravity=(0, 0, 0))
+    scene.add_surface(vertices, triangles, one_sided=True, name="sheet")
+    size, turn = np.array([0.3, 0.25, 0.35]), Rotation.from_rotvec(turn)
+    scene.add_box(size, position=(0, 0, 5), rotation=turn.as_matrix(), name="box")
+    problem = scene.build()
+    place = 0.5 * size * corner
+    along = -np.sign(place[axis]) * np.eye(3)[axis]
+    on_rim = vertices[rim[0]] + share * (vertices[rim[1]] - vertices[rim[0]])
+    normal = np.cross(turn.apply(along), vertices[rim[1]] - vertices[rim[0]])
+    normal *= np.sign(normal[2]) / np.linalg.norm(normal)
+    q = problem.q0.copy()
+    q[:3] = on_rim - deep * normal - turn.apply(place + far * along)
+    rows = problem.constraints.active(0.0, q, 0.0)
+    found = np.flatnonzero((rows.normal @ normal > 1.0 - 1e-9) & (abs(rows.gap + deep) < 1e-9))
+    assert len(found)
+
+
 @pytest.mark.parametrize("seed", [31, 37])
 def test_a_box_that_falls_into_a_hole_does_not_sink_into_its_sheet(seed):
     rng = np.random.default_rng(seed)

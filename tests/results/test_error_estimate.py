@@ -98,7 +98,8 @@ def test_no_number_after_a_fork():
 def test_forks_that_are_not_looked_for_are_named():
     scene = mbvi.Scene(restitution=0.0, friction=0.5)
     scene.add_halfspace((0, 0, 1), name="floor")
-    scene.add_box((0.2, 0.2, 0.2), mass=1.0, position=(0, 0, 0.1), velocity=(1.0, 0, -1.0), name="box")
+    for k in range(2):
+        scene.add_sphere(0.1, position=(k, 0, 0.1), velocity=(1.0, 0, -1.0))
     estimate = mbvi.simulate(scene.build(), mbvi.Paoli(), step=1e-2, duration=0.1).error_estimate()
     assert np.isinf(estimate.fork)
     assert "not known" in estimate.caveat

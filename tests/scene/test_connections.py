@@ -152,6 +152,19 @@ def test_a_weld_that_closes_upside_down_is_refused(tmp_path):
         scene.build()
 
 
+@pytest.mark.parametrize("angle", [1.8, 2.0, 3.0])
+def test_a_weld_that_would_close_upside_down_is_refused_with_what_it_is_off_by(tmp_path, angle):
+    pytest.importorskip("mujoco")
+    c, s = np.cos(angle / 2), np.sin(angle / 2)
+    weld = f'<weld body1="a" relpose=".4 .5 .6 {c} 0 0 {s}"/>'
+    (tmp_path / "model.xml").write_text(FREE_BODIES.format(weld))
+    scene = mbvi.Scene()
+    scene.add_mjcf(tmp_path / "model.xml")
+    words = f"is off by {angle:.3g} rad at the start.*turned by 180 degrees relative to world; start within 1 rad"
+    with pytest.raises(mbvi.InadmissibleStartError, match=words):
+        scene.build()
+
+
 def test_an_equality_of_bodies_that_move_as_one_is_left_out(tmp_path):
     pytest.importorskip("mujoco")
     (tmp_path / "model.xml").write_text("""<mujoco><worldbody><body name="a"><joint/><geom size=".1"/>

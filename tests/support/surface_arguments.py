@@ -205,6 +205,20 @@ def vertex_row(rng):
     return at, scene.s, t, i, scene.middle, 0.2, int(rng.integers(3))
 
 
+def crossed(rng):
+    """A segment over the terrain or through it, and now and then no room."""
+    scene = Scene(rng)
+    start, end = rng.uniform(-1.0, 1.0, (2, 3)) * (1.0, 1.0, 0.3)
+    found = np.zeros(int(rng.choice([2, scene.triangles])), np.int64)
+    return scene.mesh, start, end, bool(rng.integers(2)), EPS, found
+
+
+def overhang(rng):
+    scene = Scene(rng)
+    at, t, i = scene.listed()[0], scene.triangle(), int(rng.integers(2))
+    return at, t, i, -0.5 * rng.random(), scene.middle
+
+
 def rims(rng):
     """A cylinder, which stands upright in some cases."""
     scene = Scene(rng)
@@ -500,6 +514,8 @@ SURFACE_ARGUMENTS = {
     "above_triangle": above_triangle,
     "from_segment": from_segment,
     "triangles_in_box": in_box,
+    "is_crossed": crossed,
+    "is_under_overhang": overhang,
     "place_core": placed,
     "_add": add,
     "vertex_row": vertex_row,

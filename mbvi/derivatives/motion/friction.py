@@ -121,10 +121,8 @@ class FrictionDerivatives:
         """Return the derivative of accelerations in the present modes, shape (nv, 2 nv + m)."""
         linear, n = self._linear, len(v)
         equations, found = self.modes.forces(t, q, v, closed)
-        _, metric, J, _, _ = equations.normals
-        T, mu, sticks = equations.T, equations.mu, self.modes.sticks
+        (_, metric, J, _, _), T, mu, sticks = equations.normals, equations.T, equations.mu, self.modes.sticks
         way, slips = self.modes.directions(equations), ~sticks & (equations.mu > 0.0)
-        turns = slips & (not self._hold)
         kept, forced, held = rows_of_modes(J, T, mu, sticks, way)
         gradients, biases = linear.rows_by_q(t, q, v, closed)
         turned, turned_biases = self._tangents_by_q(t, q, v, closed, bool(held.any()))
@@ -133,7 +131,7 @@ class FrictionDerivatives:
         out = linear.at_constant_force(t, q, v, found.acceleration, force)
         # what the same forces do where gradients, tangents, directions of slip and mu vary
         slopes = np.concatenate([np.einsum("icjk,j->ick", turned, v), T], axis=2)
-        across = np.einsum("icj,icd,idm->ijm", T, _across(equations.slip, turns), slopes)
+        across = np.einsum("icj,icd,idm->ijm", T, _across(equations.slip, slips & (not self._hold)), slopes)
 
         def pushing(normal: Array, tangential: Array) -> Array:
             pushed = np.zeros_like(out)
@@ -154,6 +152,7 @@ class FrictionDerivatives:
         G = kept @ response.T
         by_forces, _, rank, _ = np.linalg.lstsq(G, opening, rcond=DEPENDENT)
         out -= response.T @ by_forces
+        shared = not found.unique
         if rank < len(G) and slips.any() and not self._brief:
             # forces that dependent contacts may share at will must not matter where slips turn, either
             size = max(np.abs(found.normal).max(), np.abs(found.tangential).max())
@@ -162,9 +161,10 @@ class FrictionDerivatives:
                 tangential[held] = loose[len(J) :]
                 effect = metric.solve_rows(np.ascontiguousarray(pushing(loose[: len(J)], tangential).T)).T
                 effect = effect - response.T @ np.linalg.lstsq(G, kept @ effect, rcond=DEPENDENT)[0]
-                if np.abs(effect).max() > _AMBIGUOUS * np.abs(out).max():
-                    names = {self._name(number) for number in linear.rows.number[closed].tolist()}
-                    raise SensitivityError("contacts share their load at will, on which it depends", t, tuple(names))
+                shared = shared or bool(np.abs(effect).max() > _AMBIGUOUS * np.abs(out).max())
+        if shared:
+            names = {self._name(number) for number in linear.rows.number[closed].tolist()}
+            raise SensitivityError("contacts share their load at will, on which it depends", t, tuple(names))
         return np.asarray(out)
 
     def law(

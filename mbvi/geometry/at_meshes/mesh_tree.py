@@ -59,6 +59,44 @@ def triangles_in_box(mesh: Creases, low: Array, high: Array, found: Array) -> in
     return count
 
 
+@kernel("b1(Creases, f8[::1], f8[::1], b1, f8, i8[::1])")
+def is_crossed(mesh: Creases, start: Array, end: Array, frontal: bool, eps: float, found: Array) -> bool:
+    """Return whether a segment crosses a triangle; the opposite of `frontal` if room for those near it is short.
+
+    Parameters
+    ----------
+    mesh : Creases
+    start, end : ndarray, shape (3,)
+        Ends of the segment [m].
+    frontal : bool
+        Whether only triangles count on whose free side it starts.
+    eps : float
+        Rounding [m].
+    found : ndarray of int, shape (k,)
+        Scratch for the triangles whose boxes meet that of the segment.
+    """
+    low, high = np.empty(3), np.empty(3)
+    for c in range(3):
+        low[c], high[c] = min(start[c], end[c]) - eps, max(start[c], end[c]) + eps
+    count = triangles_in_box(mesh, low, high, found)
+    if count > len(found):
+        return not frontal
+    for j in range(count):
+        t = found[j]
+        first = above(mesh.planes, t, 0, start[0], start[1], start[2])
+        last = above(mesh.planes, t, 0, end[0], end[1], end[2])
+        if not ((first > eps and last < -eps) or (not frontal and first < -eps and last > eps)):
+            continue
+        share, k = first / (first - last), 0
+        x, y = start[0] + share * (end[0] - start[0]), start[1] + share * (end[1] - start[1])
+        z = start[2] + share * (end[2] - start[2])
+        while k < 3 and above(mesh.planes, t, 1 + k, x, y, z) >= -eps:
+            k += 1
+        if k == 3:
+            return True
+    return False
+
+
 @kernel("f8(f8[:,::1], i8, f8[::1], f8[::1])")
 def box_apart(boxes: Array, k: int, low: Array, high: Array) -> float:
     """Return the distance of box k of a tree from another box [m]."""

@@ -264,7 +264,8 @@ def across_ridge(
     if cores.edges[edge, 2] < 0:
         return gap > 0.0
     e0, e1, e2 = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1], points[b, 2] - points[a, 2]
-    length, near = out[7] + out[8], margin + max(-gap, 0.0)
+    length, along, near = out[7] + out[8], out[9] + out[10], margin + max(-gap, 0.0)
+    # an end from which its edge goes on inwards is not what touches there, and has no row that would count instead
     for turn in range(2):
         j = cores.edges[edge, 2 + turn] - first_face
         p, q, r = faces[j, 0], faces[j, 1], faces[j, 2]
@@ -275,14 +276,25 @@ def across_ridge(
             v = c if end == 0 else d
             if out[9 + end] <= near and mesh.peak[v] >= 0:
                 other = p * mesh.vertices[v, 0] + q * mesh.vertices[v, 1] + r * mesh.vertices[v, 2] - faces[j, 3]
+                o = d if end == 0 else c
+                beyond = p * mesh.vertices[o, 0] + q * mesh.vertices[o, 1] + r * mesh.vertices[o, 2] - faces[j, 3]
                 alike = -(p * x + q * y + r * z)
-                if _outdone(gap, other, alike, margin) and in_cone(mesh, mesh.peak[v], -p, -q, -r, BESIDE):
+                if (
+                    beyond >= other - BESIDE * along
+                    and _outdone(gap, other, alike, margin)
+                    and in_cone(mesh, mesh.peak[v], -p, -q, -r, BESIDE)
+                ):
                     return False
-            v, w = (a if end == 0 else b), (t if turn == 0 else u)
+            v, o, w = (a if end == 0 else b), (b if end == 0 else a), (t if turn == 0 else u)
             if out[7 + end] <= near and w >= 0:
                 other = above(planes, w, 0, points[v, 0], points[v, 1], points[v, 2])
+                beyond = above(planes, w, 0, points[o, 0], points[o, 1], points[o, 2])
                 alike = planes[w, 0, 0] * x + planes[w, 0, 1] * y + planes[w, 0, 2] * z
-                if _outdone(gap, other, alike, margin) and looks_at(planes, w, middle, other):
+                if (
+                    beyond >= other - BESIDE * length
+                    and _outdone(gap, other, alike, margin)
+                    and looks_at(planes, w, middle, other)
+                ):
                     return False
     return True
 

@@ -12,6 +12,7 @@ from ..shapes.shapes import TILTED
 from .cores_at_mesh import ON_IT, ON_RIM, PEAK, CoresAtMesh, middle_of, place_feature, travel_from, write_place
 from .feature_clearance import clearance_of_feature, rim_clearance
 from .few_rows import few_of_each_patch
+from .mesh_tree import is_crossed
 from .near_features import list_features
 from .surface_features import BESIDE as BESIDE_NORMALS
 from .surface_features import (
@@ -41,6 +42,22 @@ def _add(rows: Array, count: int, gap: float, x: float, y: float, z: float, out:
     return count + 1
 
 
+@kernel("b1(CoresAtMesh, i8, i8, f8, f8[::1])")
+def is_under_overhang(at: CoresAtMesh, t: int, i: int, height: float, middle: Array) -> bool:
+    """Return whether point i of a core, at a height below triangle t, is under a part of the mesh that t is on top of.
+
+    The free side of the mesh is then between both. The point came there through the mesh if this is between it and the
+    middle of the core, which is shape (3,).
+    """
+    point, foot = np.empty(3), np.empty(3)
+    for c in range(3):
+        point[c] = at.points[i, c]
+        foot[c] = point[c] - height * at.mesh.planes[t, 0, c]
+    return is_crossed(at.mesh, point, foot, True, at.eps, at.near) and not is_crossed(
+        at.mesh, point, middle, False, at.eps, at.near
+    )
+
+
 @kernel("i8(CoresAtMesh, i8, i8, i8, f8[::1], f8, i8)")
 def vertex_row(at: CoresAtMesh, s: int, t: int, i: int, middle: Array, tolerance: float, count: int) -> int:
     """Add the row of vertex i of core s with triangle t, if they touch; see `all_rows`."""
@@ -56,7 +73,7 @@ def vertex_row(at: CoresAtMesh, s: int, t: int, i: int, middle: Array, tolerance
         # the lowest point of a rim over the other side of a ridge is another one: both would give way to each other
         deep = height if i < at.cores.first_point[s + 1] - at.cores.first_point[s] else max(height, 0.0)
         touches = on_triangle(mesh, middle, t, points, i, deep, inner, _MARGIN * inner, at.eps)
-    if not touches:
+    if not touches or (height < -_MARGIN * inner and is_under_overhang(at, t, i, height, middle)):
         return count
     for c in range(3):
         out[3 + c] = mesh.planes[t, 0, c]

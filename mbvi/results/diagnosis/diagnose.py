@@ -13,7 +13,7 @@ from scipy.sparse import csr_array
 from ...arguments import shown, watched
 from ...constraints.rows import take
 from ...errors import InputError, ProjectionError
-from ...impacts import condition_12_violation, cosines_between, follow, independent, unit_gradients
+from ...impacts import Forks, condition_12_violation, cosines_between, follow, independent, unit_gradients
 from ...projection import Projector
 from ...schemes.observer import observer
 from ..run_data import Impact, RunData, legs
@@ -22,6 +22,7 @@ from .dead_centres import dead_centres
 from .diagnosis import Array, Diagnosis, Instant
 from .energies import energy_of_projection
 from .error_growth import error_growth
+from .frictional_orders import orders_with_friction
 from .jumps import Jump, Jumps
 
 if TYPE_CHECKING:
@@ -278,18 +279,17 @@ class _Instants:
         worst = float(condition_12_violation(cosines, e, self._tolerance).max())
         found, frictional = None, active.tangents is not None and bool(active.tangents.friction.any())
         if impact and frictional:
-            self.not_followed += 1
+            found = None if np.isfinite(self.horizon) else orders_with_friction(metric, active, state.before)
+            if found is not None and not self._is_fork(found, state, metric):
+                found = None
+            self.not_followed += found is None
         elif impact and worst and not np.isfinite(self.horizon):
             before = state.before
             if active.rate is not None:
                 # relative to moving walls, in the sense of least squares where they move apart
                 before = before + np.linalg.lstsq(active.jacobian, active.rate)[0]
             found = follow(metric, active.jacobian, before, e, _MOST_IMPACTS)
-            jump = state.v - state.before
-            moved, speed = (np.sqrt(w @ metric.apply(w)) for w in (jump, state.before))
-            # a spread of outcomes within rounding is no fork
-            if found.spread > max(self._tolerance * moved, _ROUNDING * speed):
-                self.horizon = state.t
+            self._is_fork(found, state, metric)
         names = tuple(map(self.problem.constraints.name, active.constraint.tolist()))
         free = independent(columns, cosines, _DEPENDENT)
         free_slip = not frictional or _independent_tangents(metric, active)
@@ -305,6 +305,14 @@ class _Instants:
             self._stretch = rows, new, worst
         else:
             self._stretch = rows, _joined(so_far[1], new, worst > so_far[2]), max(worst, so_far[2])
+
+    def _is_fork(self, found: Forks, state: State, metric: Metric) -> bool:
+        """Return whether outcomes of an impact differ, which is then the horizon."""
+        moved, speed = (np.sqrt(w @ metric.apply(w)) for w in (state.v - state.before, state.before))
+        # a spread of outcomes within rounding is no fork
+        differ = bool(found.spread > max(self._tolerance * moved, _ROUNDING * speed))
+        self.horizon = state.t if differ else self.horizon
+        return differ
 
 
 def _joined(first: Instant, second: Instant, worse: bool) -> Instant:

@@ -41,7 +41,8 @@ class Instant:
         Kinetic energy gained, measured from the states: v+' M v+ / 2 - v-' M v- / 2 less the work of the forces
         within the step, summed over a stretch [J].
     forks : Forks or None
-        The outcomes of an impact where (12) fails; None elsewhere, after the horizon, and where friction acts.
+        The outcomes of an impact where (12) fails; None elsewhere and after the horizon. With friction those of some
+        orders in which the contacts close, at the horizon only.
     friction_independent : bool
         Whether the gradients and the tangents of contacts with friction are linearly independent, throughout a
         stretch. Where they are not, percussions are not unique and velocities need not be. True without friction.
@@ -87,12 +88,14 @@ class Diagnosis:
         Every instant with several active constraints, in order.
     horizon : float
         First time at which outcomes of one impact differ by more than the tolerance [s]; inf if none do, nan where this
-        is unknown because states are missing, or because friction acts in an impact of several constraints.
+        is unknown because states are missing, or because friction acts in an impact of several constraints and the
+        orders that were followed end alike.
     tolerance : float
         Largest cosine that counts as that of a right angle, and largest spread of outcomes, relative to the jump, that
         counts as zero.
     variation : float
-        Total variation of the velocity, sum of |v_i - v_{i-1}| (Lemma 3.4) [m/s, rad/s].
+        Total variation of the velocity, sum of |v_i - v_{i-1}| (Lemma 3.4) [m/s, rad/s]. Of a scheme that chooses its
+        steps, or where states are `unseen`, the sum is over the recorded states: with `every` a lower bound.
     largest_percussion : float
         Largest percussion of an impact (Lemma 3.3) [N s, N m s].
     energy_excess : float
@@ -106,7 +109,8 @@ class Diagnosis:
         Whether states between the recorded ones could not be computed again: the run was thinned and comes from a file
         that lacks its control, or from another version. The horizon is then an upper bound.
     not_followed : int
-        How many impacts of several constraints have friction: outcomes are only sought without it.
+        How many impacts of several constraints have friction, and no outcomes that are known to differ: with friction
+        only some orders are followed, in which each of up to 16 contacts closes first.
     gains : tuple of (float, float)
         Time [s] and energy [J] of each impact with friction that raised the kinetic energy.
     jumps : tuple of Jump
@@ -238,7 +242,7 @@ class Diagnosis:
         if self.not_followed:
             return (
                 f"Whether {_count(self.not_followed, 'impact', 'impacts')} of several constraints with friction have "
-                "several outcomes is not known: outcomes are only sought without friction."
+                "several outcomes is not known: all are only sought without friction."
             )
         if self.unseen:
             return _OUTCOMES_UNKNOWN

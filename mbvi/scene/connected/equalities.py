@@ -141,23 +141,45 @@ def sides_of(
 
 
 def check_reversed(
-    items: SceneItems, system: System, frames: Mapping[str, PlacedShape], shapes: Sequence[PlacedShape], q: Array
+    items: SceneItems,
+    system: System,
+    frames: Mapping[str, PlacedShape],
+    shapes: Sequence[PlacedShape],
+    start: Array,
+    closed: Array,
 ) -> None:
-    """Raise `InadmissibleStartError` if a weld or hinge with given frames is closed at q, but turned by 180 degrees.
+    """Raise `InadmissibleStartError` if a weld or hinge with given frames closes turned by 180 degrees.
 
-    Its rows are zero there, too. The other arguments are those of `equalities_between`.
+    Its rows are zero there, too. `start` is where the scene starts and `closed` where what it holds is closed, both of
+    shape (nq,). The other arguments are those of `equalities_between`.
     """
     found = [item for item in items.active_connections if item.kind != "point" and item.frames is not None]
-    sides = sides_at(items, system, frames, shapes, q) if found else {}
+    for item, turn in zip(found, _turns(found, items, system, frames, shapes, closed), strict=True):
+        if (np.diag(turn)[2 if item.kind == "hinge" else 0 :] < 0.0).any():
+            (before,) = _turns([item], items, system, frames, shapes, start)
+            cosine = before[2, 2] if item.kind == "hinge" else 0.5 * (np.trace(before) - 1.0)
+            raise InadmissibleStartError(
+                f"{item.name} is off by {np.arccos(np.clip(cosine, -1.0, 1.0)):.3g} rad at the start, and the motion "
+                f"that closes it ends with {item.first} turned by 180 degrees relative to {item.second}; start within "
+                "1 rad of its orientation"
+            )
+
+
+def _turns(
+    found: Sequence[ConnectionItem],
+    items: SceneItems,
+    system: System,
+    frames: Mapping[str, PlacedShape],
+    shapes: Sequence[PlacedShape],
+    q: Array,
+) -> list[Array]:
+    """Return the products of the axes of both frames of some connections at q, shape (3, 3) each."""
+    sides, turns = sides_at(items, system, frames, shapes, q) if found else {}, []
     for item in found:
         both = (sides[item.first], sides[item.second])
         one, other = (_composed(side.pose, frame) for side, frame in zip(both, frames_of(item, *both), strict=True))
-        along = np.vecdot(one[:3], other[:3])[2 if item.kind == "hinge" else 0 :]
-        if (along < 0.0).any():
-            raise InadmissibleStartError(
-                f"{item.name} closes with {item.first} turned by 180 degrees relative to {item.second}; start nearer "
-                "to its orientation"
-            )
+        turns.append(one[:3] @ other[:3].T)
+    return turns
 
 
 def check_spheres(items: SceneItems, sides: Mapping[str, Side]) -> None:

@@ -34,11 +34,12 @@ class EventDriven(OwnStepsScheme):
 
     With Coulomb friction each closed contact sticks or slips: accelerations are those within the mode, and a stop, a
     load on the edge of the cone and a release end it. Coulomb's law on accelerations then decides on the next one.
+    Contacts that depend on each other share their load as equally compliant ones.
 
     Polyhedra that stay on each other keep the rows of the vertices, faces and edges that touch; a change of these is an
     event. Where cylinders, ellipsoids or planar polyhedra rest on each other, so that gradients jump, where
-    events follow each other without end, and where friction leaves accelerations open (contacts that depend on each
-    other, Painlevé's configuration), the scheme takes steps of `Paoli` of 1e-4 s, of order one, and the run's notes say
+    events follow each other without end, and where friction leaves accelerations open (Painlevé's configuration), the
+    scheme takes steps of `Paoli` of 1e-4 s, of order one, and the run's notes say
     so. Where steps and events make no progress in time, the run ends with `DivergedError`.
     """
 

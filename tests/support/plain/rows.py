@@ -8,17 +8,17 @@ from mbvi.arguments import Array
 
 
 def mutual_nearest_plain(number: Array, point: Array, others: Array, places: Array, order: Array, owner: Array) -> None:
-    """List all pairs of one number, in order of falling distance, so that the nearest one is written last."""
+    """Mark in a table of all pairs those that are nearest to each other, and let each row take one that is left."""
     owner[:] = -1
-    first, end = (np.searchsorted(others[order], number, side) for side in ("left", "right"))
-    count = end - first
-    row = np.repeat(np.arange(len(count)), count)
-    other = order[np.arange(len(row)) + np.repeat(first - np.cumsum(count) + count, count)]
-    shift = point[row] - places[other]
-    apart = np.nan_to_num((shift**2).sum(axis=1))
-    nearest_last = np.argsort(-apart, kind="stable")
-    row, other = row[nearest_last], other[nearest_last]
-    back = np.full(len(others), -1)
-    owner[row], back[other] = other, row
-    matched = np.flatnonzero(owner >= 0)
-    owner[matched[back[owner[matched]] != matched]] = -1
+    if not len(number) or not len(others):
+        return
+    ends = point[:, None], places[order][None]
+    apart = np.nan_to_num(np.linalg.norm(ends[0] - ends[1], axis=2))
+    rounding = 1e-9 * np.nan_to_num((abs(ends[0]) + abs(ends[1])).max(axis=2))
+    apart[number[:, None] != others[order]] = np.inf
+    least = np.minimum(apart.min(axis=1)[:, None], apart.min(axis=0))
+    mutual = (apart <= least + rounding) & (apart < np.inf)
+    for i, row in enumerate(mutual):
+        if row.any():
+            owner[i] = order[row.argmax()]
+            mutual[:, row.argmax()] = False

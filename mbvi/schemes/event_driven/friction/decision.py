@@ -63,7 +63,7 @@ def _within_modes(
     pull, edge = np.linalg.norm(solved.tangential, axis=1), mu[closed] * solved.normal
     opening = equations.normals.J @ solved.acceleration - equations.normals.wanted
     if not (
-        solved.unique
+        solved.determined
         and (solved.normal > 0.0).all()
         and (pull <= edge * (1.0 + _RESIDUAL)).all()
         and (opening >= -OPENS * equations.normals.scale).all()

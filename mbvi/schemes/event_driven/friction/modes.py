@@ -32,12 +32,15 @@ class ModeForces(NamedTuple):
         Contact forces [N, N m].
     unique : bool
         Whether the acceleration is unique.
+    determined : bool
+        Whether it is, or equally compliant contacts have one.
     """
 
     acceleration: Array
     normal: Array
     tangential: Array
     unique: bool
+    determined: bool
 
 
 class ModeEquations(NamedTuple):
@@ -73,14 +76,15 @@ class ModeEquations(NamedTuple):
         """Return accelerations and forces where some contacts stick and others slip in a direction, shape (k, 2).
 
         Closed contacts have J a = wanted, those that stick also T a = along, and those that slip the force
-        -mu N way along their tangents.
+        -mu N way along their tangents. Where contacts depend on each other and slip in different directions, how they
+        share their load decides on accelerations: forces are then those of equally compliant contacts.
         """
         free, metric, J, wanted, _ = self.normals
         k, slips = len(J), ~sticks & (self.mu > 0.0)
         kept, forced, held = rows_of_modes(J, self.T, self.mu, sticks, way)
         response = metric.solve_rows(forced)
         missing = np.concatenate([wanted, self.along[held]]) - kept @ free
-        G, unique = kept @ response.T, True
+        G, unique, determined = kept @ response.T, True, True
         if slips.any():
             f, _, rank, _ = np.linalg.lstsq(G, missing, rcond=DEPENDENT)
             if rank < len(f):
@@ -89,11 +93,31 @@ class ModeEquations(NamedTuple):
                 size = np.sqrt(np.maximum(np.einsum("ij,ij->i", response, forced), 0.0))
                 loose = np.abs(np.einsum("ij,kj->ik", axes[rank:] @ response, forced))
                 unique = bool((loose <= _AMBIGUOUS * size.max() * size).all())
+                if not unique:
+                    f, determined = self._compliant(G, missing, kept, held)
         else:
             f = least_percussion(G, missing)
         tangential = -(self.mu * f[:k])[:, None] * np.where(slips[:, None], way, 0.0)
         tangential[held] = f[k:]
-        return ModeForces(free + f @ response, f[:k], tangential, unique)
+        return ModeForces(free + f @ response, f[:k], tangential, unique, determined)
+
+    def _compliant(self, G: Array, missing: Array, kept: Array, held: Array) -> tuple[Array, bool]:
+        """Return the forces with G f = missing of equally compliant contacts, and whether there are such.
+
+        They are the limit of those of `coulomb_law`: in units in which normals have unit length in the kinetic metric,
+        no part of the forces is one that leaves all rows `kept` at rest.
+        """
+        metric, J = self.normals.metric, self.normals.J
+        length = np.sqrt(np.einsum("ij,ij->i", metric.solve_rows(J), J))
+        length = np.concatenate([length, np.repeat(length, 2)[held.ravel()]])
+        axes, sizes, _ = np.linalg.svd(kept / length[:, None])
+        loose = (axes[:, np.count_nonzero(sizes > DEPENDENT * sizes[0]) :] * length[:, None]).T
+        if not len(loose):
+            return np.linalg.lstsq(G, missing, rcond=DEPENDENT)[0], False
+        loose *= np.abs(G).max() / np.abs(loose).max()
+        targets = np.concatenate([missing, np.zeros(len(loose))])
+        f, _, rank, _ = np.linalg.lstsq(np.concatenate([G, loose]), targets, rcond=DEPENDENT)
+        return f, bool(rank == len(f))
 
     def turned(self, sticks: Array, way: Array, found: ModeForces) -> Array:
         """Return what unit turns of directions of slip change accelerations by, shape (k, nv).
@@ -102,9 +126,13 @@ class ModeEquations(NamedTuple):
         """
         _, metric, J, _, _ = self.normals
         push = -np.where(sticks, 0.0, self.mu * found.normal)[:, None] * np.vecmat(aside(way), self.T)
-        kept, forced, _ = rows_of_modes(J, self.T, self.mu, sticks, way)
+        kept, forced, held = rows_of_modes(J, self.T, self.mu, sticks, way)
         alone, response = metric.solve_rows(push), metric.solve_rows(forced)
-        f = np.linalg.lstsq(kept @ response.T, -kept @ alone.T, rcond=DEPENDENT)[0]
+        G, missing = kept @ response.T, -kept @ alone.T
+        if found.unique:
+            f = np.linalg.lstsq(G, missing, rcond=DEPENDENT)[0]
+        else:
+            f = np.array([self._compliant(G, one, kept, held)[0] for one in missing.T]).T
         return np.asarray(alone + f.T @ response)
 
 
@@ -243,7 +271,7 @@ class ContactModes:
         return (_USUAL if usual else 1.0) * largest / speed
 
     def begin(self, t: float, q: Array, v: Array, closed: Array) -> bool:
-        """Begin a step: keep the directions of slip; return whether accelerations are unique."""
+        """Begin a step: keep the directions of slip; return whether accelerations are determined."""
         self.start = None
         if not closed.size or self.undecided:
             return not self.undecided
@@ -252,4 +280,4 @@ class ContactModes:
         moves = ~self.sticks & self._turns(equations, size, self.kept_way(equations))
         self.way[moves] = np.vecmat(equations.slip[moves] / size[moves, None], equations.axes[moves])
         self.start = equations, found
-        return found.unique
+        return found.determined
