@@ -56,7 +56,7 @@ def touching_rows(state: MotionState, known: Array, changed: Array) -> Array:
     return few_rows(state.rows, state.t, state.q, state.all_touching, closing)
 
 
-def change_contacts(state: MotionState, touching: Array, kept: Array = NO_ROWS) -> Iterator[ImpactEvent]:
+def change_contacts(state: MotionState, touching: Array, lasting: Array = NO_ROWS) -> Iterator[ImpactEvent]:
     """Apply the law (8) if a touching row closes, then find the contacts that stay closed.
 
     Parameters
@@ -65,7 +65,7 @@ def change_contacts(state: MotionState, touching: Array, kept: Array = NO_ROWS) 
         Receives the velocity and the closed rows.
     touching : ndarray of int, shape (k,)
         Rows that touch.
-    kept : ndarray of int
+    lasting : ndarray of int
         The pairs that were closed up to the event.
 
     Yields
@@ -84,10 +84,10 @@ def change_contacts(state: MotionState, touching: Array, kept: Array = NO_ROWS) 
     e, before = state.rows.restitution[touching], J @ state.v
     still = certain_rates(J, state.v, state.slow(touching))
     closes = before < -still
-    if closes.any() and kept.size:
+    if closes.any() and lasting.size:
         # where the nearest point of a pair moves without jumps, a change of its features is no impact
         pairs = state.rows.pair[touching]
-        closes &= (pairs == touching) | ~state.rows.smooth[pairs] | ~members(pairs, kept)
+        closes &= (pairs == touching) | ~state.rows.smooth[pairs] | ~members(pairs, lasting)
     for _ in range(_MOST_REPEATED):
         if not closes.any():
             break
