@@ -100,6 +100,7 @@ class EventDrivenIntegrator(MotionState):
                 if self.flow.has_loops:
                     length = beside_dead_centre(self.system, self.q, self.v, length)
                 step, factor, share, first = self._attempt(a, length)
+                self.closing.take(0.0 if step is None else step.h / length)
             except (DivergedError, ProjectionError) as error:
                 # a shorter step may avoid the states where forces are not finite, or loops cannot be closed
                 self.closing.forget()
@@ -256,23 +257,10 @@ class EventDrivenIntegrator(MotionState):
                 step = self._cut(step, known, None)
             else:
                 step = self._cut(step, share, crossing) if exact else self._step_to_event(a, share * h, crossing, h)
-            if closes and self._misses(first, step):
+            if closes and self.closing.misses(first, step, _FOUND * self.touching):
                 # of a long step in which bodies meet and part again interpolants may know too little
                 return None, max(_BEFORE_MISSED * share, _LEAST_MISSED), 1.0, NO_ROWS
         return step, factor, share, first
-
-    def _misses(self, first: Array, step: RungeKuttaStep) -> bool:
-        """Return whether the gap of a row that should close at the end of a step is not zero there."""
-        lever, most = float(self.rows.lever[first[0]]), _FOUND * self.touching
-        after = abs(lever * float(self.rows.gaps(step.t + step.h, step.q, first)[0]))
-        # where it is not known how far bodies move, interpolants are all there is
-        reach = self.rows.reach[first[0]]
-        if after <= most or not np.isfinite(reach).all():
-            return False
-        before = abs(lever * float(self.rows.gaps(step.t, step.q0, first)[0]))
-        # distances that are searched have errors, by which they may change more than bodies move
-        moved = lever * float(reach @ step.travel)
-        return max(most, 2.0 * before) < after <= 2.0 * before + moved
 
     def _shorter(self, h: float, factor: float, error: MbviError | None = None) -> float:
         """Return the length of a retried step; raise `error`, or an error of its own, if that is too short."""
@@ -304,15 +292,10 @@ class EventDrivenIntegrator(MotionState):
     def _crossing(self, first: Array, stops: bool) -> Crossing | None:
         """Return what falls through zero at an event: the gap of a row, or a slip; None if neither does."""
         if first.size:
-            return partial(self._gap_and_rate, first)
+            return partial(self.closing.gap_and_rate, first)
         if self.modes is not None and stops:
             return partial(self.modes.slip_and_rate, self.closed)
         return None
-
-    def _gap_and_rate(self, first: Array, t: float, q: Array, v: Array) -> tuple[float, float, float]:
-        """Return the gap of a row, its rate, and a tenth of its rounding."""
-        gap, rate = self.rows.gaps(t, q, first)[0], (self.rows.gradients(t, q, first) @ v)[0]
-        return float(gap), float(rate), 0.1 * float(self.rows.rounding[first[0]])
 
     def _cut(self, step: RungeKuttaStep, share: float, crossing: Crossing | None) -> RungeKuttaStep:
         """Return the part of a step up to where something falls through zero, by dense output and Newton's method."""
