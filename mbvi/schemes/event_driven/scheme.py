@@ -35,6 +35,9 @@ class EventDriven(OwnStepsScheme):
     With Coulomb friction each closed contact sticks or slips: accelerations are those within the mode, and a stop, a
     load on the edge of the cone and a release end it. Coulomb's law on accelerations then decides on the next one.
 
+    Torques of `PDControl`, springs and actuators that reach or leave a limit end a step, as times of a trajectory do:
+    the estimate of the error does not see how their slopes jump.
+
     Polyhedra that stay on each other keep the rows of the vertices, faces and edges that touch; a change of these is an
     event. Where cylinders, ellipsoids or planar polyhedra rest on each other, so that gradients jump, where
     events follow each other without end, and where friction leaves accelerations open (contacts that depend on each
