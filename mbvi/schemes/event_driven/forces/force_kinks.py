@@ -9,6 +9,7 @@ import numpy as np
 from ....system.actuators import Actuators, DrivenActuators
 from ....system.controls import PDControl
 from ....system.mechanisms.articulated import ArticulatedSystem
+from ....system.mechanisms.loop_margin import with_equalities
 from ....system.system import Array, System, located_parts
 from ..finding.root_finding import first_root
 from ..runge_kutta import RungeKuttaStep
@@ -61,6 +62,8 @@ class ForceKinks:
                 self._laws += [(law, *own) for law in laws if law.active]
                 self._trajectories += [(x, own[1]) for x in laws if isinstance(x, TrackingLimits) and x.has_breaks]
         self.found, self._ahead = False, _AHEAD
+        # equalities move joints by more than their velocities say
+        self._held = bool(with_equalities(system))
 
     def before_break(self, t: float, q: Array, v: Array, length: float) -> float:
         """Return the length of a step from (t, q, v), at most the given one, in which slopes jump little by themselves.
@@ -117,7 +120,8 @@ class ForceKinks:
         The share is 1 if none does before `share`; it is 0 if sides must be chosen again.
         """
         start = np.array([step.t]), step.q0[None], step.v0[None]
-        if all(law.stays(step, State(start[0], start[1][:, q], start[2][:, v]), v) for law, q, v in self._laws):
+        states = ((law, State(start[0], start[1][:, q], start[2][:, v]), v) for law, q, v in self._laws)
+        if not self._laws or (not self._held and all(law.stays(step, state, v) for law, state, v in states)):
             self._ahead = _AHEAD
             return 1.0, None
 

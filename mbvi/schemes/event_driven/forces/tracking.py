@@ -67,9 +67,10 @@ class TrackingLimits:
         return margins(self._torques(states), self._limits, self._side)
 
     def stays(self, step: RungeKuttaStep, start: State, own: slice) -> bool:
-        """Return whether torques certainly stay on their sides in a step; `own` is the place of the mechanism in v."""
-        if self._system.equalities:
-            return False
+        """Return whether torques certainly stay on their sides in a step without equalities.
+
+        `own` is the place of the mechanism in v.
+        """
         columns = own.start + self._rates
         faster = MARGIN * step.h * np.abs(step.rates[:, len(step.v) + columns]).max(axis=0)
         stiffness, damping = self._gains
