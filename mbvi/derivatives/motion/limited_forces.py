@@ -9,6 +9,7 @@ from numpy.polynomial.chebyshev import chebpts1, chebroots, chebvander
 
 from ...compiled import plain_array
 from ...errors import SensitivityError
+from ...schemes.event_driven.forces.limited_forces import reached_limits
 from ...schemes.event_driven.runge_kutta import RungeKuttaStep
 from ...system.actuators import Actuators, DrivenActuators
 from ...system.joint_forces import ForceRows, add_row_forces, write_row_forces
@@ -17,6 +18,8 @@ from ...system.system import Array, Part, System
 
 # distance of a force from its limit, relative to that, which is rounding
 _AT_LIMIT = 1e-10
+# steps up to this length [s] are too short to tell whether a force stays at its limit: they may begin where it is there
+SHORT = 1e-6
 # shares of a step at which forces are computed, and what makes a polynomial through values there of them: forces are
 # as smooth between their limits as the dense output, which is of degree 7
 _NODES = chebpts1(14)
@@ -72,7 +75,7 @@ class LimitedForces:
 
     def kinks(self, system: System, step: RungeKuttaStep) -> list[float]:
         """Return the shares of a step at which slopes jump; raise `SensitivityError` if a force stays at an edge."""
-        limits = [_limits(rows, driven) for rows, driven in self._tables]
+        limits = [reached_limits(rows, driven is not None) for rows, driven in self._tables]
         if not any(one.any() for one in limits):
             return []
         samples = []
@@ -88,7 +91,7 @@ class LimitedForces:
         values = np.array([np.concatenate(one) for one in samples])
         found = list[float]()
         for off, edge in zip((values - edges).T, edges.tolist(), strict=True):
-            if np.abs(off).max() <= _AT_LIMIT * abs(edge):
+            if step.h > SHORT and np.abs(off).max() <= _AT_LIMIT * abs(edge):
                 raise SensitivityError(
                     "a spring or an actuator stays at its limit, neither above nor below", step.t, (self._name,)
                 )
@@ -116,12 +119,3 @@ def _unlimited(rows: ForceRows, driven: DrivenActuators | None, t: float, q: Arr
     law[:, _FORCE] = -np.inf, np.inf
     write_row_forces(rows._replace(law=law), 0, plain_array(q), plain_array(v), force)
     return rows.ctrl[0].copy(), force
-
-
-def _limits(rows: ForceRows, driven: DrivenActuators | None) -> Array:
-    """Return which of the limits of inputs and forces something that varies can reach, shape (k, 4)."""
-    asked: Array = np.isfinite(rows.law[:, 4:])
-    given = (rows.law[:, 0] != 0.0) & (driven is not None)
-    asked[:, :2] &= given[:, None]
-    asked[:, 2:] &= (given | rows.law[:, 2:4].any(axis=1))[:, None]
-    return asked

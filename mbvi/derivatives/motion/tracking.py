@@ -12,6 +12,7 @@ from ...system.control_table import bracket
 from ...system.controls import ConstantTorque, PDControl
 from ...system.mechanisms.articulated import ArticulatedSystem
 from ...system.system import Array, Part, System
+from .limited_forces import SHORT
 
 # distance of a torque from its limit, relative to that, which is rounding
 _AT_LIMIT = 1e-10
@@ -97,7 +98,7 @@ class Tracking:
             off[0] -= side
             if abs(off[0]) > spread:
                 continue
-            if abs(off[0]) + spread <= _AT_LIMIT * limit:
+            if step.h > SHORT and abs(off[0]) + spread <= _AT_LIMIT * limit:
                 raise SensitivityError(
                     "the torque of the control stays at its limit, neither above nor below", step.t, (self._names[k],)
                 )

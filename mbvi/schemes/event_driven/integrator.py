@@ -19,6 +19,7 @@ from .dead_centres import at_dead_centre, beside_dead_centre
 from .fallback import STEP, bounce, fall_back
 from .finding.feature_events import drop_features, first_feature_change
 from .finding.release_events import first_release
+from .forces.force_kinks import Crossing, ForceKinks
 from .friction.events import first_mode_end
 from .friction.forces import contact_forces
 from .impact_event import ImpactEvent
@@ -54,9 +55,6 @@ _MOST_EVENTS = 1000
 # in this many steps and events, time must advance by this part of the duration
 _PATIENCE, _PROGRESS = 3000, 1e-5
 
-
-# (t, q, v) -> a value, its rate and its rounding
-Crossing = Callable[[float, Array, Array], tuple[float, float, float]]
 # see `EventDrivenIntegrator`
 Stop = Callable[[RungeKuttaStep, Contacts], float | None]
 
@@ -76,6 +74,7 @@ class EventDrivenIntegrator(MotionState):
         # length of the next step; the rows that a run looks at first
         self._length, self._first = _FIRST_STEP, self.rows.all
         self._unseen = UnseenForces(self.flow, self.units, tolerance)
+        self._kinks = ForceKinks(self.system, self.units, LOCAL * tolerance)
 
     def run(self, duration: float) -> Iterator[RungeKuttaStep | ImpactEvent]:
         """Yield the steps of the smooth motion, and the impacts between them, from the present state on.
@@ -94,12 +93,14 @@ class EventDrivenIntegrator(MotionState):
                 self.undetermined += self.fallbacks - before
                 a = self.flow.acceleration(self.t, self.q, self.v, self.closed)
                 continue
-            left = end - self.t
-            length = min(h, left, self.flow.longest(self.v))
+            longest = min(h, end - self.t, self.flow.longest(self.v))
+            length = self._kinks.before_break(self.t, self.q, self.v, longest)
+            left = length if length < longest else end - self.t
             try:
                 if self.flow.has_loops:
                     length = beside_dead_centre(self.system, self.q, self.v, length)
                 step, factor, share, first = self._attempt(a, length)
+                self.closing.take(0.0 if step is None else step.h / length)
             except (DivergedError, ProjectionError) as error:
                 # a shorter step may avoid the states where forces are not finite, or loops cannot be closed
                 self.closing.forget()
@@ -148,7 +149,7 @@ class EventDrivenIntegrator(MotionState):
                 # a step that ends with the run says little of the next
                 h = step.h * factor if length < left else max(h, step.h * factor)
             # a control may react to the contacts that it has just received
-            changed = event or self.closed.size or self.observed.active
+            changed = event or self._kinks.found or self.closed.size or self.observed.active
             a = self.flow.acceleration(self.t, self.q, self.v, self.closed) if changed else step.a
         self._length, self._first = h, self.closed
 
@@ -216,6 +217,15 @@ class EventDrivenIntegrator(MotionState):
         first : ndarray of int
             The row that closes there, if one does, or the pairs whose features change.
         """
+        try:
+            if self._kinks.hold(self.t, self.q, self.v, a, h):
+                a = self.flow.acceleration(self.t, self.q, self.v, self.closed)
+            return self._smooth(a, h)
+        finally:
+            self._kinks.release()
+
+    def _smooth(self, a: Array, h: float) -> tuple[RungeKuttaStep | None, float, float, Array]:
+        """Return what `_attempt` does, while forces are held on the sides of their limits."""
         takes = self.implicit if self.implicit is not None and self.implicit.needed(h) else self.flow
         step, stiff = takes.step(self.t, self.q, self.v, a, h, self.closed), takes is self.implicit
         if step is None:
@@ -241,9 +251,17 @@ class EventDrivenIntegrator(MotionState):
         change, pairs = first_feature_change(self, step, share)
         if change < share:
             share, first = change, pairs
-        left = 1.0 if stiff else self._unseen.part_before(step, self.closed, share)
-        if left < 1.0:
+        kink, margin = self._kinks.first(step, share)
+        left = 1.0 if stiff else self._unseen.part_before(step, self.closed, min(kink, share))
+        if left < 1.0 or kink == 0.0:
             return None, left, 1.0, NO_ROWS
+        if margin is not None:
+            exact = stiff or error < _SMALL
+            step = self._cut(step, kink, None) if exact else self._step_to_event(a, kink * h, margin, h)
+            # beside modes that decay at once the estimate of a longer step may have been small by chance
+            if not self._error(step) <= 1.0:
+                return None, _LEAST_FACTOR, 1.0, NO_ROWS
+            return step, factor * h / step.h, 1.0, NO_ROWS
         if share < 1.0:
             stops = share == release and self.modes is not None and self.modes.stopped >= 0
             crossing = self._crossing(NO_ROWS if first is pairs else first, stops)
@@ -257,23 +275,10 @@ class EventDrivenIntegrator(MotionState):
                 step = self._cut(step, known, None)
             else:
                 step = self._cut(step, share, crossing) if exact else self._step_to_event(a, share * h, crossing, h)
-            if closes and self._misses(first, step):
+            if closes and self.closing.misses(first, step, _FOUND * self.touching):
                 # of a long step in which bodies meet and part again interpolants may know too little
                 return None, max(_BEFORE_MISSED * share, _LEAST_MISSED), 1.0, NO_ROWS
         return step, factor, share, first
-
-    def _misses(self, first: Array, step: RungeKuttaStep) -> bool:
-        """Return whether the gap of a row that should close at the end of a step is not zero there."""
-        lever, most = float(self.rows.lever[first[0]]), _FOUND * self.touching
-        after = abs(lever * float(self.rows.gaps(step.t + step.h, step.q, first)[0]))
-        # where it is not known how far bodies move, interpolants are all there is
-        reach = self.rows.reach[first[0]]
-        if after <= most or not np.isfinite(reach).all():
-            return False
-        before = abs(lever * float(self.rows.gaps(step.t, step.q0, first)[0]))
-        # distances that are searched have errors, by which they may change more than bodies move
-        moved = lever * float(reach @ step.travel)
-        return max(most, 2.0 * before) < after <= 2.0 * before + moved
 
     def _shorter(self, h: float, factor: float, error: MbviError | None = None) -> float:
         """Return the length of a retried step; raise `error`, or an error of its own, if that is too short."""
@@ -305,15 +310,10 @@ class EventDrivenIntegrator(MotionState):
     def _crossing(self, first: Array, stops: bool) -> Crossing | None:
         """Return what falls through zero at an event: the gap of a row, or a slip; None if neither does."""
         if first.size:
-            return partial(self._gap_and_rate, first)
+            return partial(self.closing.gap_and_rate, first)
         if self.modes is not None and stops:
             return partial(self.modes.slip_and_rate, self.closed)
         return None
-
-    def _gap_and_rate(self, first: Array, t: float, q: Array, v: Array) -> tuple[float, float, float]:
-        """Return the gap of a row, its rate, and a tenth of its rounding."""
-        gap, rate = self.rows.gaps(t, q, first)[0], (self.rows.gradients(t, q, first) @ v)[0]
-        return float(gap), float(rate), 0.1 * float(self.rows.rounding[first[0]])
 
     def _cut(self, step: RungeKuttaStep, share: float, crossing: Crossing | None) -> RungeKuttaStep:
         """Return the part of a step up to where something falls through zero, by dense output and Newton's method."""

@@ -36,6 +36,9 @@ class EventDriven(OwnStepsScheme):
     load on the edge of the cone and a release end it. Coulomb's law on accelerations then decides on the next one.
     Contacts that depend on each other share their load as equally compliant ones.
 
+    Torques of `PDControl`, springs and actuators that reach or leave a limit end a step, as times of a trajectory do:
+    the estimate of the error does not see how their slopes jump.
+
     Polyhedra that stay on each other keep the rows of the vertices, faces and edges that touch; a change of these is an
     event. Where cylinders, ellipsoids or planar polyhedra rest on each other, so that gradients jump, where
     events follow each other without end, and where friction leaves accelerations open (Painlevé's configuration), the

@@ -67,7 +67,7 @@ class UnseenForces:
 
 
 def _may_change_fast(system: System) -> bool:
-    """Return whether functions of the user act, or controls along trajectories: they may change fast at any time."""
+    """Return whether functions of the user act: they may change fast at any time."""
     if system.loaded or system.functions():
         return True
     controlled = [part for part in parts_of(system) if part.controlled]
@@ -75,6 +75,6 @@ def _may_change_fast(system: System) -> bool:
 
 
 def _is_steady(part: System) -> bool:
-    """Return whether the control of a part is a constant torque, or a PD control to one place."""
+    """Return whether the control of a part is a constant torque or a PD control: `ForceKinks` knows its times."""
     control = getattr(part, "control", None)
-    return isinstance(control, LoopControl) and control.table.kind == TRACKING and len(control.table.torque) == 1
+    return isinstance(control, LoopControl) and control.table.kind == TRACKING

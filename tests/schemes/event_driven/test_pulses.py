@@ -102,3 +102,16 @@ def test_a_box_is_lifted():
     flight = (speed + np.sqrt(speed**2 + 9.81 * speed * length)) / 9.81
     assert len(run.impacts) == 1 and run.notes == ()
     np.testing.assert_allclose(run.impacts[0].time, begin + length + flight, rtol=0, atol=10 * TOLERANCE)
+
+
+@pytest.mark.parametrize("begin", [0.2, 0.35, 0.5])
+@pytest.mark.parametrize("gap", [0.0, 0.05])
+def test_a_ball_that_a_pulse_sends_back_lands(gap, begin):
+    """What was measured at the end of a step that is then not taken says nothing of the motion."""
+    force, scene = pulse(-100.0, begin, 0.02), mbvi.Scene(gravity=(0, 0, 0), restitution=1.0)
+    scene.add_halfspace((0, 0, 1), name="floor")
+    scene.add_sphere(0.1, mass=1.0, position=(0, 0, 0.1 + gap), velocity=(0, 0, 1.0), name="ball")
+    scene.add_force("ball", lambda t, q, v: [0, 0, force(t), 0, 0, 0])
+    run = mbvi.simulate(scene.build(), mbvi.EventDriven(TOLERANCE), duration=1.5)
+    assert len(run.impacts) == 1
+    np.testing.assert_allclose(run.impacts[0].time, 2.0 * (begin + 0.01) + gap, rtol=0, atol=10 * TOLERANCE)

@@ -52,6 +52,8 @@ class ClosingEvents:
         # a lower bound of each gap at the end of the last step; -inf where it is unknown
         self._bounds = np.full(m, -np.inf)
         self.depth = np.zeros(2)
+        # the bounds at the start of a step that may still be shortened, and bounds of by how much gaps fall within it
+        self._before: tuple[Array, Array] | None = None
         self._search: Callable[[RungeKuttaStep, Array], tuple[float, int, int]] | None = None
         if kernels is not None and rows.searched is not None:
             columns = rows.searched_pair, rows.smooth[:m], rows.thickness, rows.rounding[:m]
@@ -62,10 +64,11 @@ class ClosingEvents:
 
     def first(self, step: RungeKuttaStep, closed: Array) -> tuple[float, Array]:
         """Return the share of a step at which the first open row closes, and which: 1 and none if none does."""
-        self.depth = np.zeros(2)
+        self.depth, before = np.zeros(2), self._bounds.copy()
         if self._search is not None:
             share, row, count = self._search(step, closed)
             if row != NOT_KNOWN:
+                self._before = before, self._found.fall
                 if share == 1.0 and count:
                     candidates = self._found.candidates[:count].copy()
                     self.depth = self._rows.depths(candidates, self._found.ends[0, :count])
@@ -73,11 +76,12 @@ class ClosingEvents:
         fall, bounds = np.empty((2, len(self._bounds)))
         candidates = np.empty(len(fall), np.int64)
         count = write_candidates(self._reach, self._which, step.travel, self._bounds, closed, fall, bounds, candidates)
-        candidates = candidates[:count].copy()
+        candidates, self._before = candidates[:count].copy(), (before, fall)
         if not candidates.size:
             self._bounds[:] = bounds
             return 1.0, candidates
         start = self._start(step, candidates)
+        before[candidates] = start
         end = self._along(step, _END, candidates, 0.0)[0]
         bounds[candidates] = end
         self.depth = self._rows.depths(candidates, end)
@@ -104,6 +108,17 @@ class ClosingEvents:
             step.travel, coarse, fine, closed,
         )  # fmt: skip
 
+    def take(self, share: float) -> None:
+        """Let the bounds be those at a share of the step that was searched last; of a step that is not taken 0.
+
+        What was measured at its end, or at a later event, is then not valid.
+        """
+        if self._before is not None and share < 1.0:
+            before, fall = self._before
+            # 0 times an infinite bound counts as 0
+            self._bounds[:] = np.minimum(self._bounds, before - share * fall) if share > 0.0 else before
+        self._before = None
+
     def crossing(self, step: RungeKuttaStep, share: float, row: int, most: float, turns: int) -> float | None:
         """Return the share of a step at which the gap of an open row falls through zero; None where kernels do not.
 
@@ -116,6 +131,24 @@ class ClosingEvents:
         way, least = (step.dense, step.h, share, step.q0, step.v0), 0.1 * rows.rounding[row]
         return float(crossing_share(kernels.motion, *known, row, rows.searched_pair[row], *way, least, most, turns))
 
+    def gap_and_rate(self, first: Array, t: float, q: Array, v: Array) -> tuple[float, float, float]:
+        """Return the gap of a row, its rate, and a tenth of its rounding."""
+        gap, rate = self._rows.gaps(t, q, first)[0], (self._rows.gradients(t, q, first) @ v)[0]
+        return float(gap), float(rate), 0.1 * float(self._rows.rounding[first[0]])
+
+    def misses(self, first: Array, step: RungeKuttaStep, most: float) -> bool:
+        """Return whether the gap of a row that should close at the end of a step is not zero there but above `most`."""
+        rows = self._rows
+        lever, reach = float(rows.lever[first[0]]), rows.reach[first[0]]
+        after = abs(lever * float(rows.gaps(step.t + step.h, step.q, first)[0]))
+        # where it is not known how far bodies move, interpolants are all there is
+        if after <= most or not np.isfinite(reach).all():
+            return False
+        before = abs(lever * float(rows.gaps(step.t, step.q0, first)[0]))
+        # distances that are searched have errors, by which they may change more than bodies move
+        moved = lever * float(reach @ step.travel)
+        return max(most, 2.0 * before) < after <= 2.0 * before + moved
+
     def within(self, t: float, q: Array, gap: float) -> Array:
         """Return the rows whose gap may be at most `gap` [m] at (t, q), the end of the last step or its event."""
         lever = self._rows.lever
@@ -127,7 +160,7 @@ class ClosingEvents:
 
     def forget(self) -> None:
         """Discard all lower bounds, so that every row is evaluated at the next step."""
-        self._bounds[:] = -np.inf
+        self._bounds[:], self._before = -np.inf, None
 
     def _start(self, step: RungeKuttaStep, candidates: Array) -> Array:
         """Return lower bounds of the gaps of some rows at the start of a step."""

@@ -1,0 +1,1 @@
+"""Forces whose slopes jump along a motion."""
