@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ....compiled import held, kernel
+from ....compiled import kernel
 from ....constraints.features.feature_kernels import Surfaces, touch, write_outside
 from ....constraints.mechanism.held_rows import RowParts
 from ....constraints.mechanism.pairs import PairShapes, place_bodies
@@ -121,7 +121,7 @@ def _by_kernel(
     if kernels is None or rows.searched is None or (rows.searched_pair[pairs] < 0).any():
         return None
     shapes = rows.searched.tables, rows.searched.shapes, rows.searched_pair[pairs]
-    fixed = kernels.motion, kernels.rows.parts, *shapes, features, which, held(rows.surfaces(features))
+    fixed = kernels.motion, kernels.rows.parts, *shapes, features, which, rows.surfaces(features)
     way, differs = (step.dense, step.h), np.empty(len(pairs))
 
     def differences(x: float) -> Array:

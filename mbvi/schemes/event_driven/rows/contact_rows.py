@@ -7,8 +7,9 @@ from functools import cached_property
 
 import numpy as np
 
+from ....compiled import held
 from ....constraints import AdmissibleSet, ConstraintFamily
-from ....constraints.features.feature_kernels import FACE_VERTEX, Surfaces
+from ....constraints.features.feature_kernels import Surfaces
 from ....constraints.features.feature_motion import slip_biases
 from ....constraints.features.pair_features import FeatureRows
 from ....constraints.mechanism.held_rows import LIMIT, UNKNOWN, RowParts, unknown_parts
@@ -19,7 +20,7 @@ from ....system.free.sparse_rows import dense
 from ....system.parts import velocity_units
 from .known_pairs import KnownPairs, searched_pairs
 from .known_rows import KnownRows, known_rows
-from .row_columns import SEARCHED, completed, extent, measured_by
+from .row_columns import SEARCHED, body_points, completed, extent, measured_by
 from .row_sets import union, without
 
 # most sets of rows whose division into families is kept
@@ -113,6 +114,7 @@ class SmoothRows:
         self.rounding[~self.smooth | self.featured] *= SEARCHED
         self.friction: Array | None = None
         self._splits: dict[bytes, list[tuple[ConstraintFamily | FeatureRows, Array]]] = {}
+        self._surfaces: dict[bytes, Surfaces] = {}
         parts = self.parts(self.all)
         self.kernels = known_rows(self._system, parts)
         self._pairs: dict[int, KnownPairs] = {}
@@ -158,8 +160,13 @@ class SmoothRows:
         return self._features.outside(q, index - len(self.all))
 
     def surfaces(self, index: Array) -> Surfaces:
-        """Return what some rows of features are on."""
-        return self._features.surfaces(index - len(self.all))
+        """Return what some rows of features are on, as `held` does; kept, because the same sets recur."""
+        key = index.tobytes()
+        if key not in self._surfaces:
+            if len(self._surfaces) >= _MOST_SETS:
+                self._surfaces.clear()
+            self._surfaces[key] = held(self._features.surfaces(index - len(self.all)))
+        return self._surfaces[key]
 
     def _extend(self, pair: int, new: Array) -> None:
         """Give rows of features what their pair has."""
@@ -305,15 +312,8 @@ class SmoothRows:
             family.check_rows(t, q, rows)
 
     def body_points(self, index: Array) -> Array:
-        """Return of rows that are heights of points of bodies above fixed planes, shape (k, 7): body, point, normal.
-
-        The rows ascend. Points are in frames of bodies, NaN for other rows; a limit of a joint has the body 0.
-        """
-        kind, sides, parts, *_ = self.parts(index)
-        table = np.column_stack([sides[:, 1], parts[:, 1, 0], parts[:, 0, 1]])
-        table[(kind != FACE_VERTEX) | (sides[:, 0] != 0)] = np.nan
-        table[kind == LIMIT] = 0.0
-        return table
+        """Return what `body_points` does of some rows in ascending order."""
+        return body_points(self.parts(index))
 
     def points(self, t: float, q: Array, index: Array) -> tuple[Array, Array]:
         """Return contact points and normals of some rows, shapes (k, 3); NaN where a row is no contact."""

@@ -1,4 +1,4 @@
-"""Columns of the rows of `SmoothRows`, and their gaps by the families."""
+"""Columns of the rows of `SmoothRows`, their gaps by the families, and the points of bodies that they are."""
 
 from __future__ import annotations
 
@@ -7,7 +7,9 @@ from typing import Any
 import numpy as np
 
 from ....constraints import ConstraintFamily, RowTable
+from ....constraints.features.feature_kernels import FACE_VERTEX
 from ....constraints.features.pair_features import FeatureRows
+from ....constraints.mechanism.held_rows import LIMIT, RowParts
 from ....constraints.rows import Array
 
 # that of distances that are searched, from placements that are rounded, over that of others
@@ -36,3 +38,15 @@ def completed(table: RowTable, e: float, nv: int) -> tuple[Array, ...]:
         np.full(len(number), np.inf) if thickness is None else thickness,
         np.zeros(len(number), bool) if featured is None else featured,
     )
+
+
+def body_points(rows: RowParts) -> Array:
+    """Return of rows that are heights of points of bodies above fixed planes, shape (k, 7): body, point, normal.
+
+    Points are in frames of bodies, NaN for other rows; a limit of a joint has the body 0.
+    """
+    kind, sides, parts, *_ = rows
+    table = np.column_stack([sides[:, 1], parts[:, 1, 0], parts[:, 0, 1]])
+    table[(kind != FACE_VERTEX) | (sides[:, 0] != 0)] = np.nan
+    table[kind == LIMIT] = 0.0
+    return table
