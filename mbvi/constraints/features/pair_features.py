@@ -84,6 +84,8 @@ class FeatureRows:
         # faces of shapes in frames of bodies; where those of both shapes of each row begin and end, and of each shape
         self._planes, self._faces = np.zeros((0, 4)), np.zeros((0, 2, 2), np.int64)
         self._known: dict[int, tuple[int, int]] = {}
+        # of each row both shapes, by their places in that
+        self._shapes = np.zeros((0, 2), np.int64)
         # what bounds the normals of round shapes on vertices and edges; see `Surfaces`
         self._directions, self._bounds = np.zeros((0, 3)), np.zeros((0, 3), np.int64)
         self._last_key, self._last = b"", NOWHERE
@@ -122,7 +124,9 @@ class FeatureRows:
         if found is None:
             return None
         kind, parts, radius, shift = found
-        same = (self._kind == kind) & (self._faces == np.array(ranges)).all(axis=(1, 2))
+        # by their places in the list: balls have no faces that would tell them apart
+        which = np.array([list(self._known).index(id(shape)) for shape in shapes])
+        same = (self._kind == kind) & (self._shapes == which).all(axis=1)
         same &= (np.abs(self._parts - parts) <= SAME).all(axis=(1, 2, 3))
         if same.any():
             return int(same.argmax())
@@ -130,6 +134,7 @@ class FeatureRows:
         self._parts = np.concatenate([self._parts, parts[None]])
         self._radius, self._shift = np.append(self._radius, radius), np.append(self._shift, shift)
         self._faces = np.concatenate([self._faces, np.array([ranges])])
+        self._shapes = np.vstack([self._shapes, which])
         side = int(is_round(shapes[0]))
         directions = np.zeros((0, 3))
         if kind == POINTS or kind == (LINE_VERTEX if side == 0 else VERTEX_LINE):

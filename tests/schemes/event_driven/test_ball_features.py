@@ -73,3 +73,19 @@ def test_a_ball_slides_down_a_hull_of_many_faces():
     np.testing.assert_allclose(run.q[-1], finer.q[-1], atol=1e-6)
     # the fourth face, at 30 degrees
     assert max(c.normal[0] for t in run.t[1:] for c in run.contacts(t)) > np.sin(np.deg2rad(30.0))
+
+
+def test_equal_feet_on_a_large_box_move_as_on_a_plane():
+    """Each foot is the same ball in the frame of its own shank: rows of features must not be taken for each other's."""
+    runs = []
+    for floor in ("box", "plane"):
+        scene = mbvi.Scene(restitution=0.0)
+        if floor == "box":
+            scene.add_box((9.0, 9.0, 0.4), position=(0.0, 0.0, -0.2), fixed=True)
+        else:
+            scene.add_halfspace((0, 0, 1))
+        scene.add_urdf(mbvi.robot("quadruped"), position=(0.0, 0.0, 0.5), rotation=(0.05, -0.1, 0.02))
+        runs.append(mbvi.simulate(scene.build(), mbvi.EventDriven(1e-6), duration=0.25))
+    on_box, on_plane = runs
+    assert on_box.notes == on_plane.notes == () and len(on_plane.impacts) > 3
+    np.testing.assert_allclose(on_box.q[-1], on_plane.q[-1], atol=1e-5)
