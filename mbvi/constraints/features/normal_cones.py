@@ -13,10 +13,10 @@ _MEET, _ROUNDING = 1e-6, 1e-9
 
 
 def bounding_directions(part: Array, planes: Array, bound: float) -> tuple[Array, Array]:
-    """Return directions in which points nearest to a vertex or an edge do not lie from it, shape (m, 3).
+    """Return the directions into the faces of an edge, or along the edges of a vertex, shape (m, 3), and those faces.
 
-    Of an edge these lead along its faces, across it, and of a vertex along its edges. A point that does lie in one of
-    them is nearest to that face, or to that edge. With them the faces of an edge are returned, shape (m, 4).
+    A point above the edge or vertex is nearest to it if the way from it to the point has no part along any of these
+    directions, and else to that face, or to that edge. The faces, shape (m, 4), are those of an edge; of a vertex none.
 
     Parameters
     ----------
@@ -44,9 +44,21 @@ def bounding_directions(part: Array, planes: Array, bound: float) -> tuple[Array
 
 
 def nearest_feature(part: Array, planes: Array, bound: float, point: Array) -> tuple[Array, Array | None]:
-    """Return the nearest vertex or edge to a point, as `part` is, or its face, shape (4,), that or what borders on it.
+    """Return which of a vertex or an edge, its edges and its faces is nearest to a point outside of the polyhedron.
 
-    The arguments are those of `bounding_directions`, and the point, shape (3,).
+    Parameters
+    ----------
+    part, planes, bound
+        See `bounding_directions`: where the search begins.
+    point : ndarray, shape (3,)
+        The point; nothing else of the polyhedron is nearer.
+
+    Returns
+    -------
+    part : ndarray, shape (2, 3)
+        The nearest vertex or edge; where a face is nearest, its edge.
+    face : ndarray, shape (4,), or None
+        The nearest face, if it is one.
     """
     for _ in range(2):
         directions, faces = bounding_directions(part, planes, bound)

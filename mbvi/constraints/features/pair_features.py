@@ -137,10 +137,9 @@ class FeatureRows:
         self._shapes = np.vstack([self._shapes, which])
         side = int(is_round(shapes[0]))
         directions = np.zeros((0, 3))
-        if kind == POINTS or kind == (LINE_VERTEX if side == 0 else VERTEX_LINE):
-            if not is_round(shapes[side]):
-                # a ball, or the end of a capsule, on a vertex or an edge
-                directions, _ = bounding_directions(parts[side], faces[side], bound)
+        if not is_round(shapes[side]) and kind in (POINTS, LINE_VERTEX if side == 0 else VERTEX_LINE):
+            # a ball, or the end of a capsule, on a vertex or an edge
+            directions, _ = bounding_directions(parts[side], faces[side], bound)
         begin, self._directions = len(self._directions), np.vstack([self._directions, directions])
         self._bounds = np.vstack([self._bounds, [begin, len(self._directions), side]])
         return len(self._kind) - 1

@@ -50,13 +50,13 @@ class RowLimits:
         """Let inputs and forces stay on the sides where they are ahead; return whether some are on others now."""
         rows, law = self._rows, self._rows.law.copy()
         law[:, _FORCE] = _UNLIMITED
-        inputs = [sides(self._given(state)[0], self._inputs) for state in (now, ahead)]
+        inputs = [sides(self._evaluated(state)[0][0], self._inputs) for state in (now, ahead)]
         if self._driven is not None:
             law[:, _INPUT] = _UNLIMITED
             law[:, 1] += law[:, 0] * at_limits(inputs[1], self._inputs)
             law[:, 0] *= inputs[1] == 0
         self._free = rows._replace(law=law)
-        forces = [sides(self._free_forces(state)[0], self._forces) for state in (now, ahead)]
+        forces = [sides(self._evaluated(state)[1][0], self._forces) for state in (now, ahead)]
         held = law.copy()
         held[:, :4] *= (forces[1] == 0)[:, None]
         held[:, 1] += at_limits(forces[1], self._forces)
@@ -70,32 +70,23 @@ class RowLimits:
 
     def margins(self, states: State) -> Array:
         """Return what becomes negative where inputs and forces leave their sides; see `limits.margins`."""
-        forces = margins(self._free_forces(states), self._forces, self._sides[1])
-        if self._driven is None:
-            return forces
-        return np.hstack([margins(self._given(states), self._inputs, self._sides[0]), forces])
+        inputs, forces = self._evaluated(states)
+        found = margins(forces, self._forces, self._sides[1])
+        return found if self._driven is None else np.hstack([margins(inputs, self._inputs, self._sides[0]), found])
 
     def stays(self, step: RungeKuttaStep, start: State, own: slice) -> bool:
         """Return False: forces may leave their sides in any step."""
         return False
 
-    def _given(self, states: State) -> Array:
-        """Return the inputs in p states, shape (p, k)."""
-        found = np.empty((len(states.t), len(self._rows.law)))
-        for row, t, q, v in zip(found, *states, strict=True):
+    def _evaluated(self, states: State) -> tuple[Array, Array]:
+        """Return inputs, and forces without their limits of inputs on their sides, in p states, shapes (p, k)."""
+        inputs, forces = np.empty((2, len(states.t), len(self._rows.law)))
+        for given, force, t, q, v in zip(inputs, forces, *states, strict=True):
             if self._driven is not None:
                 self._driven(float(t), q, v)
-            row[:] = self._rows.ctrl[0]
-        return found
-
-    def _free_forces(self, states: State) -> Array:
-        """Return the forces without their limits, with inputs on their sides, in p states, shape (p, k)."""
-        found = np.empty((len(states.t), len(self._rows.law)))
-        for row, t, q, v in zip(found, *states, strict=True):
-            if self._driven is not None:
-                self._driven(float(t), q, v)
-            write_row_forces(self._free, 0, plain_array(q), plain_array(v), row)
-        return found
+            given[:] = self._rows.ctrl[0]
+            write_row_forces(self._free, 0, plain_array(q), plain_array(v), force)
+        return inputs, forces
 
     def _replace(self, rows: ForceRows) -> None:
         if self._actuators is None:
